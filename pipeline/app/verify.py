@@ -13,7 +13,6 @@ from pathlib import Path
 from pipeline.app.build import project
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved
-from pipeline.camera.in_time import CameraInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.camera.rig import Rig
@@ -30,9 +29,8 @@ from pipeline.files.tables import read_table
 from pipeline.graph.variants import without_pictures
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.camera import camera_in_time
 from pipeline.tasks.certificate import certificate
-from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, InTime, Planes
+from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, Planes
 from pipeline.tasks.params.frames import PlacedTarget, Truth, TruthTable
 
 _STAGE = "dataset.usda"
@@ -62,7 +60,6 @@ class _JudgedCamera:
     """A camera of the stage; the file of each of its tables has the targets of its frame, in the table's order."""
 
     camera: Camera
-    in_time: CameraInTime | None
     square_px: float
     truth: TruthTable  # settings that all of its tables share
     tables: dict[str, tuple[PlacedTarget, ...]]
@@ -131,7 +128,7 @@ def _wrong_list(build: Project, listed: Manifest) -> Iterator[str]:
 def _certificate(out: Path, judged: _JudgedCamera, seed: int) -> Json:
     """The certificate of a camera, for rows and by random rays that the seed draws."""
     tracer = Tracer(judged.camera, judged.truth.seed ^ (_STREAM + seed))
-    rig = Rig.of(tracer, judged.square_px, judged.in_time)
+    rig = Rig.of(tracer, judged.square_px)
     tables = [(targets, read_table(out / file)) for file, targets in judged.tables.items()]
     return certificate(rig, tables, judged.truth.shutter, judged.truth.settings.claim_px, seed)
 
@@ -144,9 +141,6 @@ def _judged_camera(build: Project, name: str) -> _JudgedCamera:
     file_of = {source[0]: path for path, source in build.files.items() if not isinstance(source, bytes)}
     return _JudgedCamera(
         camera=_camera(graph, name),
-        in_time=camera_in_time(from_plain(InTime, graph[states].params))
-        if (states := f"in_time/{name}") in graph
-        else None,
         square_px=first.square_px,
         truth=first.table,
         tables={file_of[task]: _targets(graph, task, truth) for task, truth in truths.items()},

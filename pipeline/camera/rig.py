@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.in_time import CameraInTime, TracersInTime
 from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
@@ -27,27 +26,12 @@ class Rig:
     diffraction_nm: float | None = None
     # Device that traces the rays of images, in single precision: a name from `pipeline.jit.device`, or the processor
     device: str | None = None
-    # Its states while the shutter is open, if it changes then; all else is as at the time code of the frame
-    in_time: TracersInTime | None = None
 
     @staticmethod
-    def of(tracer: Tracer, square_px: float = 0.0, in_time: CameraInTime | None = None) -> "Rig":
+    def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
         """The rig of a tracer, with the micro-images that it has."""
         images = micro_images(tracer) if tracer.camera.microlenses else None
-        return Rig(tracer, images, square_px, in_time=TracersInTime(in_time, tracer.seed) if in_time else None)
-
-    @property
-    def camera_in_time(self) -> CameraInTime | None:
-        """The camera while the shutter is open; None if it does not change then."""
-        return self.in_time.camera if self.in_time else None
-
-    def tracer_in(self, state: int) -> Tracer:
-        """The tracer of one of its states while the shutter is open; a camera that does not change has one."""
-        return self.in_time[state] if self.in_time else self.tracer
-
-    def at(self, time_s: float) -> "Rig":
-        """The rig as it is at a time after the time code of the frame, with the cells of the time code."""
-        return replace(self, tracer=self.in_time.at(time_s), in_time=None) if self.in_time else self
+        return Rig(tracer, images, square_px)
 
     @property
     def in_each_light(self) -> tuple["Rig", ...]:

@@ -60,16 +60,6 @@ def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
     return add(graph, name, params, {"camera": camera})
 
 
-def in_time(graph: TaskGraph, entry: CameraEntry) -> dict[str, str]:
-    """The further input of a task that sees a camera while its shutter is open: none if the camera does not change."""
-    if (asked := entry.in_time) is None:
-        return {}
-    states = tuple(settled_camera(replace(entry, asked=state)) for state in asked.states)
-    params = cameras.InTime(edges_s=asked.edges_s, states=states)
-    name = f"in_time/{entry.full_name}"
-    return {"in_time": name if name in graph else add(graph, name, params)}
-
-
 def settled_camera(entry: CameraEntry) -> cameras.SettledCamera:
     """A camera with its channel, without the name of that, and with its windows."""
     channel, windows = entry.channel and replace(entry.channel, name=""), None
@@ -91,11 +81,9 @@ def frame_of(task: Task, field: str | None) -> int | None:
 
 
 def _shutter_in(entry: CameraEntry, frame: Frame, *, in_world: bool = False) -> Shutter | None:
-    """The shutter of a camera that changes, or before which, or with which `in_world`, something moves; else a frame is
-    a still.
-    """
+    """The shutter of a camera before which, or with which `in_world`, something moves; else a frame is a still."""
     motions = frame.motions.get(entry.name)
-    moves = entry.in_time or (motions and (motions.targets or motions.things or (in_world and motions.camera)))
+    moves = motions and (motions.targets or motions.things or (in_world and motions.camera))
     return entry.shutter if moves else None
 
 
@@ -134,7 +122,7 @@ class FrameTasks:
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        self._reads = {"camera": seen_through(graph, entry), **in_time(graph, entry)}
+        self._reads = {"camera": seen_through(graph, entry)}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[frames.JudgedFrame] = []
@@ -278,7 +266,7 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             camera_motion=motions.camera if motions and in_world else None,
         )
         name = f"{entry.name}/{frame.number:04d}"
-        reads = {"camera": seen_through(graph, entry), **in_time(graph, entry)}
+        reads = {"camera": seen_through(graph, entry)}
         together = f"labels/{entry.name}"
         if later := following.get(frame.number):
             then = _in_frame(dataset, entry, later)

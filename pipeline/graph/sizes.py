@@ -10,7 +10,6 @@ import numpy as np
 
 from pipeline.camera.figures.outlook import microlenses_lit, outlook
 from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.in_time import INSTANTS, STATES
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
@@ -48,10 +47,6 @@ _SECONDS_PER_PAIR = {True: 6e-4, False: 1e-2}
 """Processor time to look for a point behind a microlens in one wavelength [s]: thin ones in a plane parallel to the
 sensor took 0.6 ms, others, whose apertures are found by tracing, 5 to 13 ms, on an Intel Xeon on 27 November 2026.
 """
-_SECONDS_PER_INSTANT = 0.15
-"""Processor time of a camera that changes to make it as it is at an instant, and a part of an image with it [s]: two
-frames of example 08 before a shutter that rolls took 0.13 s for each, on an Intel Xeon on 27 November 2026.
-"""
 _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
@@ -71,12 +66,12 @@ def size(_: str, params: Params) -> float:
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
     params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
-    how, changes = params.get("sampling") or params.get("exposure"), "in_time" in graph[name].reads
+    how = params.get("sampling") or params.get("exposure")
     while "camera" in graph[name].reads:
         name = graph[name].reads["camera"]
     focus = graph[name].params
     if params.get("points") and params.get("view"):
-        more_s = _seconds_of_pairs(params, focus) * (STATES if changes else 1)
+        more_s = _seconds_of_pairs(params, focus)
     if how and not params.get("tiles") and not params.get("number"):
         sensor = (focus["camera"] or focus["request"])["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
@@ -90,12 +85,6 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
             ray_s = _SECONDS_PER_SURFACE * (params["view"]["lighting"]["bounces"] + 1)
         elif glows:
             rays *= _share_sampled(as_json(focus), as_json(params["view"]["targets"]))
-        if changes and params.get("shutter"):
-            shutter = params["shutter"]
-            frame_s = sensor["height_px"] * shutter["line_s"] + shutter["exposure_s"]
-            share = (end - first) * shutter["line_s"] / frame_s if frame_s else 0.0
-            more_s += shutter["instants"] * (1 + INSTANTS * share) * _SECONDS_PER_INSTANT
-            rays *= 2 * shutter["instants"]  # of a white image, too
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 

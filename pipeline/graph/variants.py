@@ -27,11 +27,9 @@ def preview_of(dataset: Dataset) -> Dataset:
 
 
 def _small(entry: CameraEntry) -> CameraEntry:
-    in_time = entry.in_time
     return dataclasses.replace(
         entry,
         asked=_coarse(entry.asked),
-        in_time=in_time and dataclasses.replace(in_time, states=tuple(map(_coarse, in_time.states))),
         image_samples=min(SAMPLES, entry.image_samples),
         image_noise=None,
         f_numbers=(),

@@ -68,7 +68,7 @@ class Opened:
         """The camera made ready as a build does it."""
         entry = self.entry
         with blamed_on(entry.file, entry.line, entry.prim_path):
-            rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px, entry.camera_in_time)
+            rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px)
         return ReadyCamera(
             name=entry.full_name,
             rig=rig,

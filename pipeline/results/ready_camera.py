@@ -24,8 +24,8 @@ from pipeline.results.notebook import html_table
 from pipeline.scene.dataset import VariedNumber
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as row_derivatives
-from pipeline.truth.direct.direct_rows import Guess, mean_rays, planes_of_rays, solve
-from pipeline.truth.moving import guesses_in_time, planes_at_own_times
+from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, planes_of_rays, solve
+from pipeline.truth.moving import planes_at_own_times
 from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, axes_across, faces_camera
 from pipeline.truth.rows import Solutions
 
@@ -105,7 +105,7 @@ class ReadyCamera:
         moving : Motion or function of a time [s], optional
             The pose (4, 4) from a frame in which the points rest, and normals with +z as default, to the vision frame
             at a time after the time code of the frame, while a shutter is open. A point then lies where its own line
-            sees it, as rows of the ground truth do; so it does in any case where the camera itself changes meanwhile.
+            sees it, as rows of the ground truth do.
         accuracy_px : float, optional
             Error that positions may have; by default that of the camera.
         derivatives : sequence of str, optional
@@ -120,21 +120,20 @@ class ReadyCamera:
         points = _numbers("points_mm", points_mm, 3)
         if isinstance(derivatives, str) or not all(isinstance(name, str) for name in derivatives):
             raise CameraError(f"derivatives={derivatives!r} is no list of names", hint=f'as ["{POINT}"]')
-        if derivatives and (moving is not None or self.rig.in_time):
+        if derivatives and moving is not None:
             hint = "leave out derivatives, or what changes while the shutter is open"
             raise CameraError("positions that move with their lines have no derivatives", hint=hint)
         planes = np.empty((len(points), 4, 3))
         planes[:, 0] = points
         planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))
         of_points: Planes = StillPlanes(planes)
-        times = np.zeros(len(planes))
-        if moving is not None or self.rig.in_time:
-            of_points = self._moving(planes, (lambda time_s: np.eye(4)) if moving is None else moving)
-            planes, times, _ = planes_at_own_times(self.rig, of_points, slice(None))
+        if moving is not None:
+            of_points = self._moving(planes, moving)
+            planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
         fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
         fates[~pupil_fan(self.camera.prescription).may_see(planes[:, 0])] = Fate.BEHIND
         open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
-        guess, _ = guesses_in_time(self.rig, planes[open_], times[open_])
+        guess, _ = guesses(self.rig, planes[open_])
         guess = Guess(open_[guess.point], guess.cell, guess.x_px)
         truth = solve(self.rig, guess, of_points, self._accuracy(accuracy_px), 0.0)
         is_lit = truth.hit_fraction >= self.min_hit_fraction
@@ -197,7 +196,7 @@ class ReadyCamera:
             hint = "give points where they are at the time code, or plen:shutter:* to the camera"
             raise CameraError(f"{self.name or 'the camera'} has no shutter, so a frame is an instant", hint=hint)
         motion = moving if isinstance(moving, Motion) else Motion.of(moving, self.shutter.motion_s(self.size_px))
-        return MovingPlanes(planes, motion, self.shutter, self.size_px, self.rig.camera_in_time)
+        return MovingPlanes(planes, motion, self.shutter, self.size_px)
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
         """Rays of image positions: the line of J(x) through all planes perpendicular to the axis, or, of a camera that

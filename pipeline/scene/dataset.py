@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest, group_shift
-from pipeline.camera.in_time import AskedInTime, CameraInTime
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.channel_names import name_with
@@ -101,7 +100,6 @@ class CameraEntry:
     response: SensorResponse | None = None  #: from photons to digital numbers; None where the stage states none
     irradiation: Irradiation | None = None  #: light of each frame; None: there are no raw images
     shutter: Shutter | None = None  #: when its lines are exposed; None: a frame is an instant
-    in_time: AskedInTime | None = None  #: what `asked` is while the shutter is open; None: it does not change
     windows: Windows | None = None  #: those that stand in the world before it; others are parts of the camera
     file: str | None = field(default=None, compare=False)  #: of its definition, for messages
     line: int | None = field(default=None, compare=False)  #: of its definition, for messages
@@ -111,15 +109,7 @@ class CameraEntry:
         """The focused camera, in the light of its channel if it has one, behind windows that stand in the world; the
         focus is solved at first use.
         """
-        return self._settled(self.asked)
-
-    @cached_property
-    def camera_in_time(self) -> CameraInTime | None:
-        """The same while the shutter is open; None where it does not change."""
-        return None if self.in_time is None else self.in_time.settled(self._settled)
-
-    def _settled(self, asked: Camera | FocusRequest) -> Camera:
-        camera = focused(asked) if self.channel is None else focused(asked).in_light(self.channel)
+        camera = focused(self.asked) if self.channel is None else focused(self.asked).in_light(self.channel)
         return camera.behind(self.windows, self.wavelength_nm) if self.windows else camera
 
     @cached_property

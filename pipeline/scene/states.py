@@ -1,29 +1,29 @@
-"""States of cameras whose lens or sensor changes, from frame to frame and while a shutter is open."""
+"""States of cameras whose lens or sensor changes from frame to frame, and holds while a shutter is open."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from pxr import Usd
 
-from pipeline.camera.focusing.focus_request import FocusRequest, solved
-from pipeline.camera.in_time import PIECES, AskedInTime, state_times
-from pipeline.camera.parts.camera import Camera
-from pipeline.camera.parts.errors import CameraError
 from pipeline.channel_names import name_in_state
-from pipeline.errors import PipelineError
-from pipeline.motion import Shutter
-from pipeline.scene.camera import read_camera, read_camera_entry
+from pipeline.motion import NODES, node_times
+from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.shutters import check_shutter, codes_per_second, pieces_s, read_shutter
+from pipeline.scene.shutters import check_shutter, codes_per_second, read_shutter
 from pipeline.scene.usd.curves import bends
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, of_reader, problem
-from pipeline.scene.usd.values import at_code, code_now, read, read_once, target, target_paths
+from pipeline.scene.usd.values import UnreadableValue, at_code, numbers, read, read_once, target
 from pipeline.scene.windows import standing_windows, windows_in_frame
+from pipeline.spelling import frames_in_words
 
-_NOT_IN_TIME, _DERIVATIVES = ("plen:image:noise", "plen:truth:columns"), "plen:truth:derivatives"
-"""Wishes that a camera cannot fulfil which changes while its shutter is open."""
+_MARGIN = 1e-6
+"""Time at both ends of an exposure in which a state may begin to change [time codes]: more than the rounding of seconds
+to codes, and in it a change from one frame to the next comes to a millionth."""
+_HELD = 1e-9
+"""Relative change of a number that is none [1]: between equal samples USD rounds."""
 
 
 def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
@@ -49,7 +49,6 @@ def read_states(
     for number in numbers if changes(prim) or standing_windows(prim) else numbers[:1]:
         with at_code(number):
             entry = _with_windows(read_camera_entry(prim, root, seed), prim, number)
-            entry = replace(entry, in_time=read_in_time(prim, entry.asked, entry.shutter))
         frames = next((frames for state, frames in states if state == entry), None)
         if frames is None:
             states.append((entry, [number]))
@@ -58,25 +57,6 @@ def read_states(
     if len(states) < 2:
         return [(entry, list(numbers)) for entry, _ in states]
     return [(replace(entry, name=name_in_state(entry.name, frames[0])), frames) for entry, frames in states]
-
-
-def read_in_time(camera: Usd.Prim, asked: Camera | FocusRequest, shutter: Shutter | None) -> AskedInTime | None:
-    """The states of a camera while its shutter is open; None if it is then as asked at the time code."""
-    varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]
-    if shutter is None or not varying:
-        return None
-    number, codes_per_s = code_now(), codes_per_second(camera)
-    window_s = shutter.motion_s(asked.sensor.size_px)
-    first, last = (number + time * codes_per_s for time in window_s)
-    bends_s = {(time - number) / codes_per_s for time in bends(varying, first, last)}
-    edges_s = pieces_s(window_s, {*bends_s, *np.linspace(*window_s, PIECES + 1)})
-    states = []
-    for time_s in state_times(edges_s).ravel().tolist():
-        with at_code(number + time_s * codes_per_s):
-            states.append(read_camera(camera))
-    if all(state == asked for state in states):
-        return None
-    return AskedInTime(edges_s=tuple(edges_s.tolist()), states=tuple(states))
 
 
 def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntry:
@@ -104,30 +84,52 @@ def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
     ]
 
 
-def check_in_time(camera: Usd.Prim) -> Iterator[Problem]:
-    """A camera that cannot be what it is asked for while its shutter is open, or wishes that it cannot fulfil then."""
-    parts = target(camera, "plen:camera:lens", "PlenLens"), target(camera, "plen:camera:sensor", "PlenSensor")
-    if not all(parts) or not changes(camera) or any(check_shutter(camera)):
-        return
-    try:
-        in_time = read_in_time(camera, read_camera(camera), read_shutter(camera))
-        for state in in_time.states if in_time else ():
-            solved(state)
-    except CameraError as error:
-        message = f"while the shutter is open {error.what}"
-        yield problem(camera.GetAttribute("plen:camera:focusDistance"), "out-of-reach", message, hint=error.hint)
-        return
-    except (PipelineError, ArithmeticError) as error:
-        yield of_reader(camera, error)
-        return
-    if in_time is None:
-        return
-    wishes = [name for name in _NOT_IN_TIME if read(camera, name)]
-    wishes += [_DERIVATIVES] if target_paths(camera.GetRelationship(_DERIVATIVES)) else []
-    wishes += ["plen:image:labels"] if "flow" in (read(camera, "plen:image:labels") or ()) else []
-    for name in wishes:
-        what = '"flow" among the labels' if name.endswith("labels") else f'"{name}"'
-        message = f"{what} is not supported for a lens or a sensor that changes while the shutter is open"
-        yield problem(
-            camera.GetProperty(name), "not-yet-supported", message, hint="leave it out, or let them stand still"
+def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
+    """Numbers of a lens, a sensor or a focus that change while the shutter is open, each once for all frames."""
+    sensor = target(camera, "plen:camera:sensor", "PlenSensor")
+    size_px: Any = read(sensor, "plen:resolution") if sensor else None
+    varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]
+    changed = dict[Usd.Attribute, list[tuple[int, str]]]()
+    for code in codes if size_px and varying else ():
+        with at_code(code):
+            if any(check_shutter(camera)) or (shutter := read_shutter(camera)) is None:
+                continue
+        opens, closes = (code + time_s * codes_per_second(camera) for time_s in shutter.window_s(size_px))
+        for attribute in varying:
+            try:
+                change = _change(attribute, code, opens, closes)
+            except UnreadableValue as error:
+                yield of_reader(camera, error)
+                return
+            if change:
+                changed.setdefault(attribute, []).append((int(code), change))
+    for attribute, found in changed.items():
+        frames, (number, change) = frames_in_words([number for number, _ in found]), found[0]
+        message = (
+            f'"{attribute.GetName()}" does not hold while the shutter of <{camera.GetPath()}> is open in {frames}:'
+            f" {change}{f' in frame {number}' if len(found) > 1 else ''}"
         )
+        hint = "lens, sensor and focus have a state per frame: hold each by two equal samples, or by a held spline"
+        yield problem(attribute, "changes-while-open", message, hint=hint)
+
+
+def _change(attribute: Usd.Attribute, code: float, opens: float, closes: float) -> str | None:
+    """The value of an attribute at a time code, and that farthest from it while a shutter is open, in words; None if it
+    holds. Both sides of each bend count, and what curves do between.
+    """
+    margin = min(_MARGIN, (closes - opens) / 4)
+    first, last = opens + margin, closes - margin
+    edges = [first, *sorted(time for time in bends([attribute], first, last) if first < time < last), last]
+    times = [*map(Usd.TimeCode, node_times(np.array(edges), NODES).ravel().tolist())]
+    times += map(Usd.TimeCode.PreTime, edges[1:-1])
+    here, values = numbers(attribute.Get(code)), [numbers(attribute.Get(time)) for time in times]
+    away = [float(np.abs(value - here).max(initial=0.0)) for value in values]
+    farthest = values[int(np.argmax(away))]
+    if max(away) <= _HELD * max(np.abs(here).max(initial=0.0), np.abs(farthest).max(initial=0.0)):
+        return None
+    return f"{_shown(here)} at the time code, and {_shown(farthest)} while it is open"
+
+
+def _shown(value: np.ndarray) -> str:
+    text = ", ".join(f"{number:.5g}" for number in value.tolist())
+    return text if len(value) == 1 else f"({text})"

@@ -1,4 +1,4 @@
-"""Tasks of a camera: `focus`, `channel`, `windows`, `in_time`, `stop`, `planes`, `pinhole` and `first_order`.
+"""Tasks of a camera: `focus`, `channel`, `windows`, `stop`, `planes`, `pinhole` and `first_order`.
 
 The first four write `focused.json`, the camera that all others read. What no image depends on is no part of it: planes
 of J_near and J_far come from `planes`, and names are written by `first_order`: renaming a lens touches no ray.
@@ -14,7 +14,6 @@ from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import solved, stopped_down
-from pipeline.camera.in_time import CameraInTime
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.exr_bands import BandedPart, write_bands
@@ -23,14 +22,13 @@ from pipeline.motion import Shutter
 from pipeline.optics import first_order as paraxial
 from pipeline.optics.windows import Windows
 from pipeline.records.plain import to_plain
-from pipeline.tasks.artefacts.cameras import FOCUSED, IN_TIME, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
+from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
 from pipeline.tasks.params.cameras import (
     CONVENTIONS,
     TIMES,
     AskedCamera,
     BehindWindows,
     CameraLabels,
-    InTime,
     Nothing,
     Planes,
     Stop,
@@ -50,16 +48,6 @@ def channel(params: Channel, inputs: Inputs, out: Path) -> None:
 def windows(params: BehindWindows, inputs: Inputs, out: Path) -> None:
     """A camera behind windows that stand in the world: focused.json."""
     write_json(out / FOCUSED, to_plain(focused_camera(inputs).behind(params.windows, params.wavelength_nm)))
-
-
-def in_time(params: InTime, inputs: Inputs, out: Path) -> None:
-    """A camera while its shutter is open: in_time.json."""
-    write_json(out / IN_TIME, to_plain(camera_in_time(params)))
-
-
-def camera_in_time(params: InTime) -> CameraInTime:
-    """The focused states of a camera."""
-    return CameraInTime(edges_s=params.edges_s, states=tuple(state.camera for state in params.states))
 
 
 def stop(params: Stop, inputs: Inputs, out: Path) -> None:

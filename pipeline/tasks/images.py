@@ -10,7 +10,6 @@ import pickle
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from hashlib import sha256
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -191,9 +190,6 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     width_px, height_px = rig.tracer.camera.sensor.size_px
     all_rows, all_columns = rows or (0, height_px), (0, width_px)
 
-    if rig.in_time:
-        return np.stack([exposed_in_time(image, inputs, rig, all_rows) for image in images])
-
     def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
         first, end = steadied_by(rig, columns)
         there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
@@ -205,35 +201,6 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     return np.stack(
         [exposed(image, inputs, rig, all_rows, rendered) if image.shutter else next(alike) for image in images]
     )
-
-
-def exposed_in_time(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> np.ndarray:
-    """Rows of an image by a camera that changes, (h, w): of each line the mean of its instants.
-
-    They are those at which there are cameras, so that lines next to each other are mostly rendered together.
-    """
-    assert image.shutter and image.view and rig.in_time
-    size_px, after_s = rig.tracer.camera.sensor.size_px, instants_after_s(image.shutter)
-    opens_s, some, columns = zip(*image.shutter.lines(rows, size_px), strict=True)
-    result = np.zeros((rows[1] - rows[0], size_px[0]))
-    for after in after_s:
-        instants = rig.in_time.instants_s(np.array(opens_s) + after)
-        for first, end in pairwise([0, *(np.flatnonzero(np.diff(instants)) + 1).tolist(), len(instants)]):
-            (low, high), there = (some[first][0], some[end - 1][1]), (columns[first][0], columns[end - 1][1])
-            scene = scene_of(view_at(image.view, instants[first]), inputs)
-            light = _at_instant(rig.at(instants[first]), image.exposure, scene, (low, high), there)
-            result[low - rows[0] : high - rows[0], slice(*there)] += light / len(after_s)
-    return result / rig.tracer.reference_weight_sr
-
-
-def _at_instant(rig: Rig, exposure: Exposure, scene: Scene, rows: Rows, columns: Rows) -> np.ndarray:
-    """Light in some rows and columns of an image, (h, w), in the unit of the weight of rays."""
-    first, end = steadied_by(rig, columns)
-    is_smooth = rig.images is None and not exposure.diffraction
-    known = imaging.known_white_parts(rig, rows, (first, end)) if is_smooth else None
-    white = imaging.white_parts(rig, exposure.samples, rows, (first, end)) if known is None else known
-    (light,) = imaging.pictures_in_lights(rig, exposure.samples, [scene], white, rows, (first, end))
-    return light[:, columns[0] - first : columns[1] - first] * rig.tracer.reference_weight_sr
 
 
 def steadied_by(rig: Rig, columns: Rows) -> Rows:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.rig import Rig
 from pipeline.files.cryptomatte import attributes_of, id_of
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, write_json
@@ -38,31 +37,32 @@ def labels_tile(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Pat
     if "next" in inputs:
         then = SightLines(imaged_rig({"camera": inputs["next"]}, exposure))
 
-    def seen(rig: Rig, some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
+    def seen(some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
         band, scenes = Band.of(rig, rows, columns), [_scene(each, inputs) for each in some]
         return labels_of(band, exposure.samples, scenes, (lines, then))
 
     still = [each for each in params if each.shutter is None]
-    alike = iter(seen(rig, still, params[0].rows) if still else ())
+    alike = iter(seen(still, params[0].rows) if still else ())
+    size_px = rig.tracer.camera.sensor.size_px
     for each, out in zip(params, outs, strict=True):
-        labels = _line_by_line(each, each.shutter, rig, seen) if each.shutter else next(alike)
+        labels = _line_by_line(each, each.shutter, size_px, seen) if each.shutter else next(alike)
         write_npy(out / _ROWS, labels)
 
 
 def _line_by_line(
     params: LabelsTile,
     shutter: Shutter,
-    rig: Rig,
-    seen: Callable[[Rig, Sequence[LabelsTile], Rows, Rows], list[np.ndarray]],
+    size_px: tuple[int, int],
+    seen: Callable[[Sequence[LabelsTile], Rows, Rows], list[np.ndarray]],
 ) -> np.ndarray:
     """Labels of rows before a shutter: those of each line in the middle of its exposure."""
     parts = []
-    for opens_s, rows, columns in shutter.lines(params.rows, rig.tracer.camera.sensor.size_px):
+    for opens_s, rows, columns in shutter.lines(params.rows, size_px):
         time_s, pose = opens_s + shutter.exposure_s / 2, params.world_from_vision
         if params.camera_motion:
             pose = params.camera_motion.at(np.array([time_s]))[0].tolist()
         then = replace(params, view=view_at(params.view, time_s), world_from_vision=pose)
-        parts += seen(rig.at(time_s), [then], rows, columns)
+        parts += seen([then], rows, columns)
     return np.concatenate(parts, axis=1 - shutter.axis)
 
 

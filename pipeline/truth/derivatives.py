@@ -95,7 +95,7 @@ class _Rows:
         return self._exposed(self._here, replace(self._bundles, x_px=x_px))
 
     def _exposed(self, there: Neighbour, bundles: Bundles) -> np.ndarray:
-        def integrate(state: int, rows: slice | np.ndarray, planes: np.ndarray) -> Integral:
+        def integrate(planes: np.ndarray) -> Integral:
             return self.held.next_to(there.tracer, replace(bundles, planes=planes))
 
         return over_exposure(there.planes.pairs(self._point, bundles.x_px), integrate).moments

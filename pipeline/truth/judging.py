@@ -152,9 +152,7 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
     microlens = rig.microlens(rows.cell)
-    search = Search(
-        rig.tracer_in, microlens, lambda some, _: rows.pairs.only(some), rows.x_px, rows.x_px, rig.square_px
-    )
+    search = Search(rig.tracer, microlens, lambda some, _: rows.pairs.only(some), rows.x_px, rows.x_px, rig.square_px)
     search.look()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
@@ -231,9 +229,9 @@ class _RandomRays:
         # Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
         x, microlens = self.rows.x_px[here] + self.apart_px[here], self.rig.microlens(self.rows.cell[here])
 
-        def integrate(state: int, some: slice | np.ndarray, planes: np.ndarray) -> Integral:
-            of_some = microlens[some], planes, self.rig.square_px, self.rows.x_px[here][some]
-            return random_integrals(self.rig.tracer_in(state), Bundles(x[some], *of_some), rays, stream)
+        def integrate(planes: np.ndarray) -> Integral:
+            bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
+            return random_integrals(self.rig.tracer, bundles, rays, stream)
 
         integral = over_exposure(self.rows.pairs.only(here), integrate)
         self._error_mm[here] = integral.error_mm

@@ -1,10 +1,10 @@
-"""Rows of targets that move, or of cameras that change, while a frame is exposed. CONVENTIONS.md, Time, has the law.
+"""Rows of targets that move while a frame is exposed. CONVENTIONS.md, Time, has the law.
 
 J(x) is the mean over the rays of x and over the exposure of the line at x, so that J(x) = p is solved as for a still
-target: planes, and the camera, are those of the time at x. The derivative of J then has the motion in it.
+target: planes are those of the time at x. The derivative of J then has the motion in it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.motion import Shutter
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import inverse
-from pipeline.truth.direct.direct_rows import Guess, guesses, solve
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.direct.newton import mean_hit, over_exposure
 from pipeline.truth.planes import MovingPlanes, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions
@@ -42,35 +42,20 @@ def solve_moving(
     rig: Rig, moving: MovingPlanes, some: slice, accuracy_px: float, min_hit_fraction: float
 ) -> Correspondences | None:
     """All rows of some points; None if none of the target's faces the camera when it is exposed."""
-    planes, times, rays = planes_at_own_times(rig, moving, some)
+    planes, rays = planes_at_own_times(rig, moving, some)
     if not faces_camera(planes).any():
         return None
     asked = np.zeros_like(planes)
     asked[:, 0], asked[some] = planes[:, 0], planes[some]
-    guess, more = guesses_in_time(rig, asked, times)
+    guess, more = guesses(rig, asked)
     rows = solve(rig, guess, moving, accuracy_px, min_hit_fraction)
     rows.counts["rays"] += rays + more
     return rows
 
 
-def guesses_in_time(
-    rig: Rig, planes: Float64[np.ndarray, "p 4 3"], times_s: Float64[np.ndarray, "p"]
-) -> tuple[Guess, int]:
-    """As `guesses`, with each point before the camera in the state that is next to its time."""
-    if rig.in_time is None:
-        return guesses(rig, planes)
-    state, parts, rays = rig.in_time.camera.shares(times_s).argmax(axis=1), list[Guess](), 0
-    for number in np.unique(state).tolist():
-        asked = planes.copy()
-        asked[state != number, 3] = 0.0  # they face neither to the camera nor away
-        guess, more = guesses(replace(rig, tracer=rig.tracer_in(number)), asked)
-        parts, rays = [*parts, guess], rays + more
-    return Guess(*(np.concatenate([getattr(part, name) for part in parts]) for name in Guess.__slots__)), rays
-
-
-def planes_at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, np.ndarray, int]:
-    """Planes of points (p, 4, 3) about when their lines are exposed, these times (p,), and traced rays; of points that
-    are not seen those in the middle.
+def planes_at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np.ndarray, int]:
+    """Planes of points (p, 4, 3) about when their lines are exposed, and traced rays; of points that are not seen those
+    in the middle.
     """
     first, end = moving.shutter.window_s(moving.size_px)
     points = np.arange(len(moving.of_target))
@@ -79,7 +64,7 @@ def planes_at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np
     for turn in range(_TURNS if moving.shutter.line_by_px_s else 0):
         asked = np.zeros((len(points), 4, 3))
         asked[looked] = moving.at(looked, times[looked])
-        guess, more = guesses_in_time(rig, asked, times)
+        guess, more = guesses(rig, asked)
         rays += more
         count = np.bincount(guess.point, minlength=len(points))
         sums = [np.bincount(guess.point, axis, minlength=len(points)) for axis in guess.x_px.T]
@@ -90,7 +75,7 @@ def planes_at_own_times(rig: Rig, moving: MovingPlanes, some: slice) -> tuple[np
         times[unseen] = (first, end, (first + end) / 2, (first + end) / 2)[turn]
         if np.abs(times - before)[is_seen].max(initial=0.0) < _NEAR_LINES * moving.shutter.line_s and not len(unseen):
             break
-    return moving.at(points, times), times, rays
+    return moving.at(points, times), rays
 
 
 def time_of_still(shutter: Shutter, size_px: tuple[int, int], solutions: Solutions) -> TimeOfRows:
@@ -106,8 +91,8 @@ def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOf
     half = max(shutter.exposure_s, shutter.line_s, _APART_S) / 2
     times, microlens = (middle - half, middle + half), rig.microlens(solutions.cell)
 
-    def integrate(state: int, rows: slice | np.ndarray, on: np.ndarray) -> Integral:
-        return integrals(rig.tracer_in(state), Bundles(x_px[rows], microlens[rows], on, rig.square_px), 0)
+    def integrate(on: np.ndarray) -> Integral:
+        return integrals(rig.tracer, Bundles(x_px, microlens, on, rig.square_px), 0)
 
     first, end = (mean_hit(over_exposure(moving.stills(solutions.point, at), integrate).moments) for at in times)
     hits_mm_per_s = (end - first) / (2 * half)
@@ -116,8 +101,6 @@ def time_of_rows(rig: Rig, moving: MovingPlanes, solutions: Solutions) -> TimeOf
     way_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)
     motion = way_px_per_s * shutter.exposure_s
     # Line r is exposed while the point is (1 - v D) (y - r) from its middle, y along the axis of the scan.
-    # Where a changing camera has no light at one end, the motion is NaN, and the line is that of the row itself.
-    along = np.nan_to_num(way_px_per_s[:, shutter.axis])
-    y, reach = x_px[:, shutter.axis], np.abs(1 + along * shutter.line_by_px_s) / 2
+    y, reach = x_px[:, shutter.axis], np.abs(1 + way_px_per_s[:, shutter.axis] * shutter.line_by_px_s) / 2
     lines = np.floor(y + reach) - np.floor(y - reach)
     return TimeOfRows(middle, motion[:, :, None] * motion[:, None, :] / 12, lines.astype(np.int64))

@@ -1,11 +1,10 @@
 """Tangent planes at target points, vision frame, as kernels read them: rows point, first axis, second axis, normal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.in_time import CameraInTime
 from pipeline.motion import Motion, Shutter
 from pipeline.records.shapes import Float64, Int64
 
@@ -17,13 +16,10 @@ _GAUSS = 0.5 / 3**0.5
 class Pairs:
     """Planes at both nodes of Gauss's rule in each stretch of an exposure, and the share of each stretch: the mean over
     the exposure is the weighted mean over all. A motion is smooth in a stretch.
-
-    `states`: shares of the states of a camera at these nodes; None: it does not change.
     """
 
     planes: Float64[np.ndarray, "n s 2 4 3"]
     share: Float64[np.ndarray, "n s"]
-    states: Float64[np.ndarray, "n s 2 k"] | None = None
 
     @staticmethod
     def still(planes: Float64[np.ndarray, "n 4 3"]) -> "Pairs":
@@ -32,7 +28,7 @@ class Pairs:
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Pairs":
         """Those of some rows."""
-        return Pairs(self.planes[rows], self.share[rows], None if self.states is None else self.states[rows])
+        return Pairs(self.planes[rows], self.share[rows])
 
     @staticmethod
     def joined(parts: Sequence["Pairs"]) -> "Pairs":
@@ -45,13 +41,7 @@ class Pairs:
         ]
         share = [np.pad(part.share, ((0, 0), (0, count))) for part, count in zip(parts, lacking, strict=True)]
         none = np.zeros((0, most, 2, 4, 3)), np.zeros((0, most))
-        states = [
-            np.pad(part.states, ((0, 0), (0, count), (0, 0), (0, 0)))
-            for part, count in zip(parts, lacking, strict=True)
-            if part.states is not None
-        ]
-        joined = np.concatenate(states) if states else None
-        return Pairs(np.concatenate([none[0], *planes]), np.concatenate([none[1], *share]), joined)
+        return Pairs(np.concatenate([none[0], *planes]), np.concatenate([none[1], *share]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,15 +65,12 @@ class StillPlanes:
 
 @dataclass(frozen=True, slots=True)
 class MovingPlanes:
-    """Planes (p, 4, 3) of a target, in its own frame, that move before the camera, vision_from_target, or before one
-    that changes.
-    """
+    """Planes (p, 4, 3) of a target, in its own frame, that move before the camera, vision_from_target."""
 
     of_target: Float64[np.ndarray, "p 4 3"]
     motion: Motion
     shutter: Shutter
     size_px: tuple[int, int]  # of the image
-    camera: CameraInTime | None = None  # None: the camera does not change
 
     def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN where the position is."""
@@ -93,8 +80,7 @@ class MovingPlanes:
         """As of still planes, with stretches between the times at which the motion bends; NaN where the position is."""
         middle, exposure_s = self.shutter.middle_s(x_px, self.size_px), self.shutter.exposure_s
         first, end = middle - exposure_s / 2, middle + exposure_s / 2
-        edges_s = (*self.motion.edges_s, *(self.camera.edges_s if self.camera else ()))
-        bends = np.array([[time for time in edges_s if ((first < time) & (time < end)).any()]])
+        bends = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
         ends = np.sort(np.clip(bends, first[:, None], end[:, None]), axis=1)
         edges = np.concatenate([first[:, None], ends, end[:, None]], axis=1)
         length = np.diff(edges, axis=1)
@@ -102,24 +88,15 @@ class MovingPlanes:
         middles, half = (edges[:, 1:] + edges[:, :-1]) / 2, _GAUSS * length
         times = np.stack([middles - half, middles + half], axis=2)
         planes = self.at(np.repeat(point, 2 * share.shape[1]), times.ravel())
-        states = (
-            None
-            if self.camera is None
-            else self.camera.shares(times.ravel()).reshape(*times.shape, len(self.camera.states))
-        )
-        return Pairs(planes.reshape(*times.shape, 4, 3), share, states)
+        return Pairs(planes.reshape(*times.shape, 4, 3), share)
 
     def instants(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
         """As of still planes."""
         return self.stills(point, self.shutter.middle_s(x_px, self.size_px))
 
     def stills(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> Pairs:
-        """Planes of points, and the camera, as at times alone."""
-        still = Pairs.still(self.at(point, times_s))
-        if self.camera is None:
-            return still
-        states = self.camera.shares(times_s)
-        return replace(still, states=np.stack([states, states], axis=1)[:, None])
+        """Planes of points as at times alone."""
+        return Pairs.still(self.at(point, times_s))
 
     def at(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """As of still planes."""

@@ -202,7 +202,7 @@ def _covariance(rig: Rig, x_px: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def stage_with(folder: Path, numbers: str) -> Path:
     path = folder / "dataset.usda"
     asked = f"rel plen:truth:derivatives = [{numbers}]\nuniform bool plen:truth:blurDerivatives = true"
-    path.write_text(over_tiny(f'{asked}\nuniform token plen:truth:method = "direct"'))
+    path.write_text(over_tiny(f"{asked}\nuniform bool plen:truth:rays = false"))
     return path
 
 
@@ -323,7 +323,7 @@ def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tm
 
 def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_nothing_else(tmp_path):
     plain, numbers = tmp_path / "dataset.usda", f"<{ROOT}/Board>, <{ROOT}/Rig/Lens/S3.plen:radius>"
-    plain.write_text(over_tiny('uniform token plen:truth:method = "direct"'))
+    plain.write_text(over_tiny("uniform bool plen:truth:rays = false"))
     made(plain, tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
     result = made(stage_with(tmp_path, numbers), tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
     ran = {task.name.partition("/")[0] for task in result.tasks if task.state == "executed"}

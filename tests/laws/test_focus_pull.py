@@ -143,12 +143,6 @@ def test_whatever_may_change_is_that_of_its_frame(tmp_path, sensor, lens):
         (focused(".timeSamples = {1: 420, 2: 30}"), "", "out-of-reach"),
         ("", 'over "S1"\n{\ndouble plen:thickness.timeSamples = {1: 8.8, 2: 1}\n}', "surfaces-cross"),
         ("", 'over "S1"\n{\nuniform double plen:radius.timeSamples = {1: 38.9, 2: 40}\n}', "uniform-animated"),
-        (
-            focused(".timeSamples = {1: 420, 1.1: 30, 1.9: 30, 2: 420}")
-            + "\nuniform double2 plen:shutter:exposure = (1, 100)",
-            "",
-            "out-of-reach",
-        ),
     ],
 )
 def test_mistakes_of_one_frame_are_told(tmp_path, camera, lens, code):

@@ -23,7 +23,7 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
-from pipeline.scene.states import changes, check_in_time, is_camera
+from pipeline.scene.states import changes, check_held, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
@@ -121,6 +121,7 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
             with at_code(code):
                 problems += _check_whole(prim, wrong)
+        problems += check_held(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
     problems += check_unnamed_windows(_parts(prims), list(filter(is_camera, _parts(prims))))
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
@@ -157,7 +158,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
-    return problems + ([*check_camera(prim), *check_in_time(prim), *check_cold(prim)] if is_camera(prim) else [])
+    return problems + ([*check_camera(prim), *check_cold(prim)] if is_camera(prim) else [])
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole
-from pipeline.camera.in_time import CameraInTime, TracersInTime
 from pipeline.camera.micro_images.centres import MicroImages, micro_images
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
@@ -25,7 +24,7 @@ from pipeline.truth.grid.ray_grid import image_from_fine
 Inputs = dict[str, dict[str, Path]]
 """Role -> output name -> file in the store."""
 
-FOCUSED, IN_TIME, PLANES, PINHOLE = "focused.json", "in_time.json", "planes.json", "pinhole.json"
+FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
 """Positions in a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
 _PICTURE_ROWS = 512
@@ -58,22 +57,16 @@ def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
 
 
 def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:
-    """The focused camera made ready, with its states while the shutter is open if it changes then."""
+    """The focused camera made ready."""
     tracer = tracer_alone(inputs, seed)
     images = _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
-    in_time = _in_time(inputs["in_time"][IN_TIME], seed) if "in_time" in inputs else None
-    return Rig(tracer, images, square_px, in_time=in_time)
+    return Rig(tracer, images, square_px)
 
 
 @functools.lru_cache(maxsize=_KEPT)
 def _tracer(camera: str, seed: int) -> Tracer:
     """The tracer of a camera given as text: two texts are equal only if all of their numbers are."""
     return Tracer(from_plain(Camera, json.loads(camera)), seed)
-
-
-@functools.lru_cache(maxsize=_KEPT)
-def _in_time(file: Path, seed: int) -> TracersInTime:
-    return TracersInTime(from_plain(CameraInTime, read_json(file)), seed)
 
 
 @functools.lru_cache(maxsize=_KEPT)

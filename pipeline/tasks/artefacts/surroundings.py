@@ -44,10 +44,9 @@ class SurroundingsInTime:
     @classmethod
     def of(cls, view: PlacedView, shutter: Shutter | None, rig: Rig) -> "SurroundingsInTime":
         """Those of a view before a camera."""
-        if shutter is None or not (moves(view) or rig.in_time):
+        if shutter is None or not moves(view):
             return cls(None, np.zeros(1), [surroundings_of(view)])
-        window_s = shutter.window_s(rig.tracer.camera.sensor.size_px)
-        times = np.linspace(*window_s, _TIMES) if moves(view) else np.zeros(1)
+        times = np.linspace(*shutter.window_s(rig.tracer.camera.sensor.size_px), _TIMES)
         return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
 
     def visibility(
@@ -57,17 +56,16 @@ class SurroundingsInTime:
 
         `planes_at` returns the tangent planes (n, 4, 3) of their points at times (n,) [s].
         """
-        when, share = np.zeros((2, len(x_px))), np.empty(len(x_px))
+        when, share = np.zeros(len(x_px), np.int64), np.empty(len(x_px))
         if self.shutter is not None:
             middle_s = self.shutter.middle_s(x_px, rig.tracer.camera.sensor.size_px)
-            when[0] = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
-            when[1] = rig.in_time.instants_s(middle_s) if rig.in_time else 0.0
+            when = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
         # A board that comes nearer would hide its own points as they were before.
-        planes = planes_at(self.times_s[when[0].astype(int)])
+        planes = planes_at(self.times_s[when])
         bundles = PointBundles(rig.microlens(cell), x_px, planes)
-        for number, time_s in np.unique(when, axis=1).T.tolist():
-            here = (when[0] == number) & (when[1] == time_s)
-            share[here], _ = visibility(rig.at(time_s), self.at[int(number)], target, *bundles.only(here))
+        for number in np.unique(when).tolist():
+            here = when == number
+            share[here], _ = visibility(rig, self.at[number], target, *bundles.only(here))
         return share
 
 

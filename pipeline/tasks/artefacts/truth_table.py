@@ -69,13 +69,10 @@ class PosedPoints:
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
 
     def before(self, rig: Rig, shutter: Shutter | None, motion: Motion | None) -> StillPlanes | MovingPlanes:
-        """The planes before a camera; they may move, or the camera may change, while a shutter is open."""
-        camera, size_px = rig.camera_in_time, rig.tracer.camera.sensor.size_px
-        if shutter is None or (motion is None and camera is None):
+        """The planes before a camera; they may move while a shutter is open."""
+        if shutter is None or motion is None:
             return StillPlanes(self.planes)
-        pose = self.vision_from_target
-        rests = Motion.of(lambda time_s: pose, shutter.motion_s(size_px))
-        return MovingPlanes(self.of_target, motion or rests, shutter, size_px, camera)
+        return MovingPlanes(self.of_target, motion, shutter, rig.tracer.camera.sensor.size_px)
 
 
 def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:

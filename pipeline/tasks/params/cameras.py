@@ -70,14 +70,6 @@ class BehindWindows:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InTime:
-    """States of a camera while its shutter is open, as of `AskedInTime`."""
-
-    edges_s: tuple[float, ...]
-    states: tuple["SettledCamera", ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VariedCamera:
     """A camera, as `focus`, `channel` and `windows` settle it, with the number of a place a little less and more."""
 

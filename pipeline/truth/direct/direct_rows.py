@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.held import Held, by_x
-from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals
+from pipeline.camera.integrals import LEVELS, Bundles, integrals
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
@@ -153,7 +153,7 @@ def solve(
         return of_points.pairs(guess.point[rows], x_px)
 
     where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer_in, rig.microlens(guess.cell), pairs, *where, rig.square_px)
+    search = Search(rig.tracer, rig.microlens(guess.cell), pairs, *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
@@ -223,10 +223,7 @@ def blur_of(
     microlens, rays, planes = rig.microlens(cell), 0, on.planes[:, 0, 0]
 
     def at_level(level: int) -> Integrate:
-        def integrate(state: int, some: slice | np.ndarray, planes: np.ndarray) -> Integral:
-            return integrals(rig.tracer_in(state), Bundles(x_px[some], microlens[some], planes), level)
-
-        return integrate
+        return lambda planes: integrals(rig.tracer, Bundles(x_px, microlens, planes), level)
 
     if rig.square_px:
         of_points = over_exposure(on, at_level(BLUR_LEVEL))

@@ -4,7 +4,6 @@ There is no position image, no interpolation and no K. J is a function of a cont
 from differences, and Newton's method with Broyden's updates converges in a few steps.
 """
 
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from pipeline.camera.held import Held, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pooled
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, WEIGHT
+from pipeline.camera.tracing.moments import COLUMNS
 from pipeline.optics.table import INNER_SQUARED
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth import blur
@@ -59,18 +58,13 @@ would have to add up.
 """
 PairsOf = Callable[[np.ndarray, np.ndarray], Pairs]
 """Function of row indices (m,) and image positions (m, 2) that returns their planes."""
-Integrate = Callable[[int, slice | np.ndarray, np.ndarray], Integral]
-"""Function of a state of the camera, of rows (m,), and of planes (m, 2, 4, 3), that returns the integrals of these rows
-by the camera in that state.
-"""
+Integrate = Callable[[np.ndarray], Integral]
+"""Function of planes (n, 2, 4, 3) of rows that returns their integrals."""
 
 
 def over_exposure(pairs: Pairs, integrate: Integrate) -> Integral:
     """The mean of the integrals on the planes of all stretches, by their shares."""
-    if pairs.states is not None:
-        return _over_states(pairs, pairs.states, integrate)
-    every = slice(None)
-    first, *others = (integrate(0, every, pairs.planes[:, stretch]) for stretch in range(pairs.share.shape[1]))
+    first, *others = (integrate(pairs.planes[:, stretch]) for stretch in range(pairs.share.shape[1]))
     if not others:
         return first
     share = pairs.share[:, :, None]
@@ -82,33 +76,6 @@ def over_exposure(pairs: Pairs, integrate: Integrate) -> Integral:
     return Integral(moments, error_mm, is_random, rays)
 
 
-def _over_states(pairs: Pairs, states: np.ndarray, integrate: Integrate) -> Integral:
-    """The same of a camera that changes: integrals of light are interpolated between its states, node by node."""
-    (n, stretches), shape = pairs.share.shape, (len(pairs.share), COLUMNS)
-    sums, light, error_mm = np.zeros(shape), np.zeros((n, 2)), np.zeros((n, 2))
-    is_random, rays = np.zeros(n, bool), 0
-    for stretch, state in itertools.product(range(stretches), range(states.shape[-1])):
-        share = pairs.share[:, stretch, None] * states[:, stretch, :, state]
-        here = np.flatnonzero(share.any(axis=1))
-        if not len(here):
-            continue
-        part, share = integrate(state, here, pairs.planes[here, stretch]), share[here]
-        of_node = share * part.moments[:, WEIGHT, None]
-        by = np.repeat(of_node.mean(axis=1, keepdims=True), COLUMNS, axis=1)
-        by[:, :2], by[:, 2:4] = of_node[:, :1], of_node[:, 1:]
-        by[:, WEIGHT : FREE_WEIGHT + 1] = share.mean(axis=1, keepdims=True)
-        sums[here] += by * np.nan_to_num(part.moments)  # a state without light has no part in the mean
-        light[here] += of_node
-        error_mm[here] += np.abs(share).mean(axis=1, keepdims=True) * np.nan_to_num(part.error_mm)
-        is_random[here] |= part.is_random
-        rays += part.rays
-    # Each node counts by its light, as rays do: the mean over both planes is that over the exposure.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        moments = sums / light.mean(axis=1, keepdims=True)
-    moments[:, WEIGHT : FREE_WEIGHT + 1] = sums[:, WEIGHT : FREE_WEIGHT + 1]
-    return Integral(moments, error_mm, is_random, rays)
-
-
 def mean_hit(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
     """Mean of the hits of bundles with both planes, (n, 2, ...) [mm]; of equal planes that with one, to the bit."""
     return (moments[:, :2] + moments[:, 2:4]) / 2
@@ -117,7 +84,7 @@ def mean_hit(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
 class Search:
     """Newton's method for many candidates at once; finished rows drop out.
 
-    `tracer_in` returns the tracer of a state of the camera. `planes` are tangent planes whose origins are the target
+    `planes` are tangent planes whose origins are the target
     points, over whose pairs J is the mean: J(x) = 0 is solved. `x_px` are first guesses, `home_px` positions that
     certainly receive light, towards which a guess without light moves. `square_px` is the edge of the square around a
     position on which its rays start; 0: they start at the position itself.
@@ -140,14 +107,14 @@ class Search:
 
     def __init__(
         self,
-        tracer_in: Callable[[int], Tracer],
+        tracer: Tracer,
         microlens: Int64[np.ndarray, "n"],
         planes: PairsOf,
         x_px: Float64[np.ndarray, "n 2"],
         home_px: Float64[np.ndarray, "n 2"],
         square_px: float = 0.0,
     ) -> None:
-        self.tracer_in, self.microlens, self.home_px, self.square_px = tracer_in, microlens, home_px, square_px
+        self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
         self.planes = planes
         self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
         n = len(x_px)
@@ -166,10 +133,10 @@ class Search:
         """
         rows = self._leave_the_dark(may_exist)
         planes = self.planes(rows, self.x_px[rows]).planes[:, 0, 0]
-        self.jacobian[rows] = chief_jacobian(self.tracer_in(0), self.microlens[rows], self.x_px[rows], planes)
+        self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], planes)
         self.inverse[rows] = inverse(self.jacobian[rows])
         # Obstructions cut bundles in their middle: their means then move otherwise than chief rays.
-        is_hollow = self.tracer_in(0).table[:, INNER_SQUARED].any()
+        is_hollow = self.tracer.table[:, INNER_SQUARED].any()
         self._derive(rows[is_hollow | np.isnan(self.inverse[rows]).any(axis=(1, 2))])
         self._step_nearer(rows, may_exist)
         self._look_beyond(rows, may_exist)
@@ -207,23 +174,19 @@ class Search:
         rows = rows[~self.is_random[rows] & ~(radius_px * self.bend[rows] <= accuracy_px)]
         x_px, microlens = self.x_px[rows], self.microlens[rows]
 
-        there, held = self.planes(rows, x_px).planes[:, 0], dict[int, Held]()
+        bundles = Bundles(x_px, microlens, self.planes(rows, x_px).planes[:, 0], self.square_px)
+        held = Held(self.tracer, bundles, BLUR_LEVEL, STEADY)
 
         def moments(x_px: np.ndarray) -> np.ndarray:
-            def integrate(state: int, some: slice | np.ndarray, planes: np.ndarray) -> Integral:
-                on = there.copy()
-                on[some] = planes
-                bundles, tracer = Bundles(x_px, microlens, on, self.square_px), self.tracer_in(state)
-                if state not in held:
-                    held[state] = Held(tracer, replace(bundles, x_px=self.x_px[rows]), BLUR_LEVEL, STEADY)
-                return held[state].next_to(tracer, bundles).only(some)
+            def integrate(on: np.ndarray) -> Integral:
+                return held.next_to(self.tracer, replace(bundles, x_px=x_px, planes=on))
 
             return over_exposure(self.planes(rows, x_px), integrate).moments
 
         jacobian = mean_hit(by_x(moments, x_px))
         is_known = np.isfinite(jacobian).all(axis=(1, 2))
         self.jacobian[rows[is_known]] = jacobian[is_known]
-        self.rays += sum(each.rays for each in held.values())
+        self.rays += held.rays
 
     def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
         """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
@@ -374,9 +337,9 @@ class Search:
         return mean_hit(self._integral(rows, x_px, level).moments)
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        def integrate(state: int, some: slice | np.ndarray, planes: np.ndarray) -> Integral:
-            of_some = self.microlens[rows][some], planes, self.square_px, self.anchor_px[rows][some]
-            return integrals(self.tracer_in(state), Bundles(x_px[some], *of_some), level)
+        def integrate(on: np.ndarray) -> Integral:
+            bundles = Bundles(x_px, self.microlens[rows], on, self.square_px, self.anchor_px[rows])
+            return integrals(self.tracer, bundles, level)
 
         integral = over_exposure(self.planes(rows, x_px), integrate)
         self.rays += integral.rays
