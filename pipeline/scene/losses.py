@@ -103,7 +103,8 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
     if not lens:
         return
     try:
-        seen_nm = wavelengths_seen(camera) if _loses_light(camera, lens) else []
+        is_met = read(camera, "plen:image:exposure") == "radiance" and _loses_light(camera, lens)
+        seen_nm = wavelengths_seen(camera) if is_met else []
     except (SpectrumError, UnreadableValue):
         return  # reported where the channel or the value is checked
     for surface, part in surfaces_before_sensor(camera):

@@ -110,8 +110,7 @@ def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
     elif exposure != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
         message = f"raw.dng tells filters by their colours, and {', '.join(odd)} names none"
         yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=f"call them {', '.join(COLOURS)}")
-    if exposure == "radiance":
-        if read(camera, "plen:camera:weight") == "area":
-            message = "radiance gives photons only where rays weigh irradiance, not area"
-            yield problem(attribute, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
-        yield from check_losses(camera)
+    if exposure == "radiance" and read(camera, "plen:camera:weight") == "area":
+        message = "radiance gives photons only where rays weigh irradiance, not area"
+        yield problem(attribute, "radiance-of-area", message, hint='write plen:camera:weight = "irradiance"')
+    yield from check_losses(camera)

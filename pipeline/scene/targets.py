@@ -13,7 +13,7 @@ from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
-from pipeline.scene.usd.meshes import Drawn, fans
+from pipeline.scene.usd.meshes import Drawn, fans, polygons_of
 from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, read_once, target
@@ -121,6 +121,9 @@ def _colours(mesh: UsdGeom.Mesh, shape: Drawn) -> list[tuple[float, ...]]:
 
 def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of a PlenTarget as a whole; `wrong` holds the prims with wrong values."""
+    preview = prim.GetChild(PREVIEW)
+    for flaw in polygons_of(preview, None).flaws if preview and preview.IsA(UsdGeom.Mesh) else ():
+        yield not_drawn(preview, f"<{preview.GetPath()}>: {flaw}", "mend or delete it: viewers show it, no image does")
     mesh = target(prim, "plen:mesh", "Mesh") if prim.IsA("PlenMeshTarget") else None
     parts = [*(_check_mesh(prim, mesh) if mesh else ()), *_check_print(prim)]
     if prim.IsA("PlenMeshTarget") and (shape := read(prim, "plen:shape")) not in ("flat", None):

@@ -38,6 +38,21 @@ def test_nothing_of_a_lens_file_steers_the_terminal(suffix, tmp_path):
         assert code in (0, 2) and shown and not set(shown) & {0x1B, 0x07, 0x9B}, shown
 
 
+CAMERAS = (
+    ("camera.js", '{"main_lens": {"f": "\x1b[31m5\x9b", "aperture": "4"}, "mla\x1b[2J": {}, "sensor": {}}'),
+    ("camera.js", '{"main_lens": {"f": "5"}, "mla": {"mesh": {"geometry": "\x1b[31m3"}}, "sensor": {"odd\x07": "1"}}'),
+    ("camera.csv", "objective_file_name;\x1b[31mtable\nprop_mla_type;\x9bHEX\n"),
+    ("camera.csv", "objective_file_name;table\nprop_\x1b]0;x\x07\n"),
+)
+
+
+@pytest.mark.parametrize(("name", "text"), CAMERAS)
+def test_nothing_of_a_camera_file_steers_the_terminal(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    code, shown = run(tmp_path, "import", "camera", name)
+    assert code == 2 and shown and not set(shown) & {0x1B, 0x07, 0x9B}, shown
+
+
 @pytest.mark.parametrize(("verb", "name"), [("report", "a\nb"), ("import lens", "a\x1b\nb"), ("verify", "n" * 300)])
 def test_a_name_that_no_file_should_have_is_refused(verb, name, tmp_path):
     code, shown = run(tmp_path, *verb.split(), name)
