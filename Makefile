@@ -2,20 +2,23 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What a build needs, and with it what tests and developers need. Byte code is made of what is imported, when it is.
+CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
+INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt
 # Each process needs 20 s to load what tests share. Proofs have one more than cores: they wait for programs that they start.
 WORKERS = $(shell $(PYTHON) -c 'import os; print(min(os.cpu_count() or 1, 4))')
 proofs referees: WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 # Which tests make a run long.
 PYTEST = $(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal --durations=15 --durations-min=2
-# pytest keeps the tests that it has rewritten, also where the user wants no byte code: each process would rewrite them all.
-test proofs: export PYTHONDONTWRITEBYTECODE =
+# Byte code is kept also where the user wants none: each process would compile all libraries and rewrite all tests.
+export PYTHONDONTWRITEBYTECODE =
 # Standard error of a missing venv module is noise beside the one line that helps.
-NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.3 GB of disk
+NEED := needs git, make, Python 3.11 to 3.14 with venv (Debian, Ubuntu: apt install python3-venv) and about 1.0 GB of disk, for tests 1.6 GB
 
 .PHONY: demo test proofs referees lint warm faults bench evaluation picture web site wheel clean
 
-demo: $(STAMP)
+demo: $(CORE)
 	$(BIN)/pipeline build examples/02_plenoptic/dataset.usda
 	@echo "Open build/02_plenoptic.report/index.html: one page about all of it"
 	@echo "Open build/02_plenoptic/frames/0002/Rig.Camera/image.png: a board through microlenses"
@@ -27,12 +30,12 @@ test: $(STAMP)
 
 # The long siblings of some tests: slow twins of all arrays, hostile values, real clusters, benchmarks.
 proofs: $(STAMP) warm
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio optiland -e '.[docs]'
+	$(INSTALL) emva1288 mitsuba openimageio optiland -e '.[docs]'
 	$(PYTEST) -m heavy
 
 # What docs/ says of images, with the figures: programs, walks and closed forms that share nothing with the renderer.
 referees: $(STAMP) warm
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt emva1288 mitsuba openimageio
+	$(INSTALL) emva1288 mitsuba openimageio
 	$(BIN)/python -m pytest -q -rP -n $(WORKERS) -m "heavy or not heavy" tests/published/test_mitsuba.py \
 		tests/published/test_emva1288.py tests/laws/test_colours.py tests/laws/test_reflection.py \
 		tests/laws/test_radiometry.py tests/laws/test_diffraction.py \
@@ -43,7 +46,7 @@ referees: $(STAMP) warm
 # Byte code and kernels for the many processes of the tests, each of which would compile them alone.
 warm: $(STAMP)
 	$(BIN)/python -m compileall -q pipeline
-	$(BIN)/python -c "from pipeline.app.build import compile_once; compile_once(workers=2)"
+	$(BIN)/pipeline warm
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
@@ -58,7 +61,7 @@ faults: $(STAMP)
 
 # Each writes benchmarks/results/: what it found now, and most of them what the commit before gives in the same run.
 bench: $(STAMP)
-	$(BIN)/python -m pip install -q -c constraints.txt batoid optiland
+	$(INSTALL) batoid optiland
 	$(BIN)/python benchmarks/cold.py
 	$(BIN)/python benchmarks/chain.py
 	$(BIN)/python benchmarks/trace.py
@@ -127,7 +130,7 @@ web: $(STAMP)
 
 # The documentation site: build/site/index.html.
 site: $(STAMP)
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(INSTALL) -e '.[docs]'
 	$(BIN)/python docs/schema_reference.py
 	$(BIN)/python -m sphinx -q -j auto -W --keep-going -b html -c docs . build/site
 	@echo "Open build/site/index.html"
@@ -138,9 +141,16 @@ wheel: $(STAMP)
 clean:
 	rm -rf $(VENV) build dist
 
-$(STAMP): pyproject.toml constraints.txt
+$(VENV)/.made:
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' 2>/dev/null || { echo "pipeline $(NEED); $(PYTHON) is `$(PYTHON) --version 2>&1`. Try: make PYTHON=python3.12 $(MAKECMDGOALS)"; exit 1; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "pipeline $(NEED); $(PYTHON) has no venv: apt install python3-venv"; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install -q --disable-pip-version-check -c constraints.txt -e '.[dev,cluster]'
-	@touch $(STAMP)
+	@touch $@
+
+$(CORE): pyproject.toml constraints.txt | $(VENV)/.made
+	$(INSTALL) -e .
+	@touch $@
+
+$(STAMP): pyproject.toml constraints.txt | $(VENV)/.made
+	$(INSTALL) -e '.[dev]'
+	@touch $(CORE) $@

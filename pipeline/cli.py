@@ -15,7 +15,7 @@ import typer
 
 from pipeline.app.verbs import after, building, planning
 from pipeline.app.verbs.authoring import imports, library, new
-from pipeline.app.verbs.care import cache, doctor
+from pipeline.app.verbs.care import cache, doctor, warm
 from pipeline.app.verbs.terminal import (
     BUILD,
     CARE,
@@ -42,6 +42,7 @@ from pipeline.app.verbs.terminal import (
 )
 from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.folders import share
+from pipeline.jit.waits import before_compiling
 from pipeline.machine.process import require_room
 from pipeline.machine.processor import pin
 
@@ -220,6 +221,7 @@ _VERBS = (
     (USE, "fit", after.fit),
     (USE, "inform", after.inform),
     (CARE, "doctor", doctor),
+    (CARE, "warm", warm),
     (CARE, "plugin-path", plugin_path),
 )
 for _panel, _name, _verb in _VERBS:
@@ -232,6 +234,7 @@ app.add_typer(cache, name="cache", rich_help_panel=CARE)
 def main() -> None:
     """Run the command line and end the process with its exit code."""
     pin()  # before anything imports NumPy
+    before_compiling[:] = [_warm_up]
     # A large plan makes many records that all stay in use, 150,000 objects for 1,000 frames, and drops as many at once:
     # searching them for garbage took a tenth of the time.
     gc.set_threshold(1_000_000)
@@ -242,6 +245,12 @@ def main() -> None:
     except OSError:  # it was reported; nothing more may be written, not even by the interpreter at its end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
+
+
+def _warm_up() -> None:
+    from pipeline.app.build import warm_up
+
+    warm_up()
 
 
 def _spare_last_search() -> None:

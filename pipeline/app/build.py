@@ -2,17 +2,23 @@
 
 import contextlib
 import dataclasses
+import functools
 import os
 import subprocess
-from collections.abc import Callable, Iterable, Mapping
+import sys
+import threading
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from inspect import signature
 from pathlib import Path
 from typing import Unpack
 
 import pipeline
-from pipeline.engine.events import Emit, silent, warner
+from pipeline.engine.events import Compiling, Emit, silent, warner
+from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.locks import locked
-from pipeline.engine.options import BuildKeywords, BuildOptions, Caller
+from pipeline.engine.options import USUAL, BuildKeywords, BuildOptions, Caller
 from pipeline.engine.planning.graph import TASKS, Task, TaskGraph
 from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.project import Project
@@ -22,7 +28,8 @@ from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.variants import folder_of, on_device, only_images, preview_of, without_pictures
 from pipeline.jit.decorators import cache_folder
-from pipeline.jit.files import is_whole, make_folder, say
+from pipeline.jit.files import closed, is_whole, make_folder
+from pipeline.jit.waits import before_compiling
 from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
@@ -39,6 +46,12 @@ STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "
 images of a flat sheet; images in which one thing may hide another; curved targets; paths of light; the search in
 position images; the noise of raw images.
 """
+_KERNELS = dict(zip(STEPS, (136, 2, 2, 20, 10, 10, 60, 10, 5), strict=True))
+"""Number of kernels that each step adds, for whoever waits."""
+_KERNEL_S = 0.4
+"""Processor time that a kernel takes [s], on an Intel Xeon: `benchmarks/cold.py`."""
+_TRUST = 0.2
+"""Share of the kernels after which the speed of this machine is believed as much as that time."""
 _STEP_OF_KIND = {
     "image": "images",
     "white": "images",
@@ -160,7 +173,7 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
         dataset = on_device(dataset, options)
 
     def prepare() -> None:
-        compile_once(warn, dataset.graph, options.workers)
+        compile_once(on_event, steps_of(dataset.graph[name] for name in dataset.graph), options.workers)
         loaded = stages.pop()
         problems = [*loaded.problems, *loaded.doubts()]
         for problem in problems:
@@ -193,27 +206,26 @@ def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: E
     shared = Project(graph=graph, files={}, head=head, out=out.parent, stage_id=str(out.parent.resolve()))
 
     def prepare() -> None:
-        compile_once(warner(on_event), graph, options.workers)
+        compile_once(on_event, steps_of(graph[name] for name in graph), options.workers)
 
     options = dataclasses.replace(options, keep_going=True)
     return session.build(shared, options, caller=Caller(on_event=on_event, prepare=prepare))
 
 
-def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = None, workers: int = 1) -> None:
-    """Compile the kernels that are missing or damaged in the cache, so that workers need not compile them one by one.
+def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, workers: int = 1) -> None:
+    """Compile the kernels of steps that are missing or damaged in the cache, so that workers need not compile them.
 
-    Without a graph all kernels are compiled, else those that its tasks call. With more than one worker two other
-    processes share the work. A list beside the kernels names them. If several builds start together, one compiles and
-    the others wait. Raises EnvironmentFault where the disk is full.
+    With more than one worker two other processes share the work. A list beside the kernels names them. If several
+    processes start together, one compiles and the others wait. Raises EnvironmentFault where the disk is full.
     """
-    folder = cache_folder()
-    steps = STEPS if graph is None else steps_of(graph[name] for name in graph)
-    listed = folder / f"{'-'.join(steps)}.txt"
-    if _are_whole(listed):
+    before_compiling.clear()  # it would wait for this
+    folder, warn = cache_folder(), warner(on_event)
+    if ready(folder).issuperset(steps):
         return
     make_folder(folder)
-    with locked(folder / "lock", doing="compiles kernels", say=warn):
-        if not _are_whole(listed):
+    listed = folder / f"{'-'.join(steps)}.txt"
+    with _told(folder, steps, workers, on_event), locked(folder / "lock", doing="compiles kernels", say=warn):
+        if not ready(folder).issuperset(steps):
             # If the list exists, few kernels are damaged.
             names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None
             if names is None:
@@ -224,18 +236,47 @@ def compile_once(warn: Callable[[str], None] = say, graph: TaskGraph | None = No
                 listed.write_text("\n".join([*sorted(names), _LAST]), encoding="utf-8")
 
 
+def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
+    """Compile steps for the kernels that this process calls, and tell whoever waits; KeyboardInterrupt after Ctrl-C."""
+    from pipeline.app.progress import display
+
+    shown = display(-1 if {"--json", "--quiet", "-q"} & {*sys.argv} else 0)
+    with Interrupts() as interrupts, interrupts.stopping(), shown:
+        compile_once(shown, steps, USUAL.workers)
+    if interrupts.arrived:
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
+    """A context whose wait is told at once and every second, whichever process compiles."""
+    done, ended, start = ready(folder), threading.Event(), time.monotonic()
+    count = sum(_KERNELS[step] for step in steps if step not in done)
+    before = closed(folder) if done else 0  # else those of a process that compiles now, or that was ended
+
+    def tell() -> None:
+        while True:
+            share = min((closed(folder) - before) / max(count, 1), 0.99)
+            known_s = time.monotonic() - start + _TRUST * count * _KERNEL_S / min(workers, 2)
+            on_event(Compiling(share=share, seconds_left=round((1 - share) * known_s / (share + _TRUST), 1)))
+            if ended.wait(1.0):
+                return
+
+    with ThreadPoolExecutor() as teller, contextlib.ExitStack() as last:
+        last.callback(ended.set)
+        teller.submit(tell)
+        yield
+
+
 def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     """Folders of kernels that two processes compiled; None if anything is wrong, which this process then meets."""
+    environment, nothing, pipe = {**os.environ, **settings()}, subprocess.DEVNULL, subprocess.PIPE
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
         processes = []
         for order in ("1", "-1"):
+            asked = command("pipeline.app.compile_kernels:compile_apart", order, *steps)
             process = subprocess.Popen(
-                command("pipeline.app.compile_kernels:compile_apart", order, *steps),
-                env={**os.environ, **settings()},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                start_new_session=True,
-                text=True,
+                asked, env=environment, stdin=nothing, stdout=pipe, start_new_session=True, text=True
             )
             processes.append(last.enter_context(process))
             last.callback(process.kill)
@@ -244,13 +285,15 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     return None
 
 
-def _are_whole(listed: Path) -> bool:
-    """Whether all kernels of a list are there, and as they were closed."""
-    try:
-        *names, end = listed.read_text(encoding="utf-8").split("\n")
-    except (OSError, ValueError):
-        return False
-    return end == _LAST and all(is_whole(listed.with_name(name)) for name in names)
+def ready(folder: Path) -> set[str]:
+    """Steps whose kernels in a folder are all there, and as they were closed."""
+    is_there = functools.cache(lambda name: is_whole(folder / name))
+    found = set[str]()
+    for listed in folder.glob("*.txt"):
+        with contextlib.suppress(OSError, ValueError):
+            *names, end = listed.read_text(encoding="utf-8").split("\n")
+            found |= {*listed.stem.split("-")} if end == _LAST and all(map(is_there, names)) else set()
+    return found
 
 
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:

@@ -52,6 +52,7 @@ def compile_apart() -> NoReturn:
     Two processes share the work like this: what one has compiled, or is compiling, the other one loads. The process
     ends at once: to free one by one what the compiler has left takes seconds.
     """
+    sys.excepthook = lambda *error: None  # whoever started this process meets the error, too: see `_compiled_apart`
     print(*compile_kernels(sys.argv[2:], int(sys.argv[1])), sep="\n", flush=True)
     os._exit(0)
 

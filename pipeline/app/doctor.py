@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.app.build import STEPS, ready
 from pipeline.engine.files import nearest_existing
 from pipeline.engine.maintenance import limit_from_environment
 from pipeline.engine.options import USUAL
@@ -111,9 +112,10 @@ def _store() -> Iterator[Finding]:
 
 def _kernels() -> Iterator[Finding]:
     folder = cache_folder()
-    count = sum(1 for _ in folder.glob("*")) if folder.is_dir() else 0
-    state = f"{count} files" if count else "none yet: the first build compiles them, which takes about half a minute"
-    yield Finding("kernels", f"{folder}, {state}")
+    there = ready(folder)
+    names = ", ".join(step for step in STEPS if step in there) or "nothing yet"
+    advice = "" if there.issuperset(STEPS) else "; others are compiled when needed, or now by `pipeline warm`"
+    yield Finding("kernels", f"{folder}, ready for {names}{advice}")
 
 
 def _disk() -> Iterator[Finding]:

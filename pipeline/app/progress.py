@@ -9,7 +9,7 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 
-from pipeline.engine.events import Begun, Done, Event, Retried, Started, Warned
+from pipeline.engine.events import Begun, Compiling, Done, Event, Retried, Started, Warned
 from pipeline.engine.records import TaskResult
 from pipeline.engine.running.result import Ended, Result
 from pipeline.machine.process import Stderr
@@ -33,6 +33,7 @@ class Lines:
         self._total, self._jobs = 0, 1
         self._timed: Counter[str] = Counter()
         self._seconds: defaultdict[str, float] = defaultdict(float)
+        self._has_told = False
 
     def __enter__(self) -> "Lines":
         return self
@@ -71,6 +72,9 @@ class Lines:
         match event:
             case Warned():
                 return f"warning: {event.text}"
+            case Compiling() if self._verbosity >= 0 and not self._has_told:
+                self._has_told = True
+                return f"compiling kernels, once per version: about {event.seconds_left:.0f} s"
             case Retried():
                 return f"{event.task} tried again: {event.error.splitlines()[0]}"
             case Started() if self._verbosity > 0:
@@ -93,13 +97,16 @@ class Bar(Lines):
     def __init__(self) -> None:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+        from rich.table import Column
 
         super().__init__(verbosity=-1)
         self._news = ""
-        columns = (BarColumn(bar_width=24), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+        rest = Column(ratio=1, no_wrap=True)  # what bar and time leave of a narrow terminal
+        text = TextColumn("{task.description}", markup=False, table_column=rest)
+        columns = (BarColumn(bar_width=12), text, TimeElapsedColumn())
         console = Console(file=Stderr(draws=True) if isinstance(self._stream, Stderr) else self._stream)
         self._progress = Progress(
-            *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False
+            *columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False, expand=True
         )
         self._bar = self._progress.add_task("", total=None)
 
@@ -110,6 +117,10 @@ class Bar(Lines):
         """Redraw the bar after an event."""
         self._progress.start()  # at the first event: a process that ends before leaves the cursor alone
         super().__call__(event)
+        if isinstance(event, Compiling):
+            text = f"{event.seconds_left:.0f} s left: compiling kernels, once per version"
+            self._progress.update(self._bar, total=1.0, completed=event.share, description=text)
+            return
         if isinstance(event, Done) and event.news:
             self._news = f"  ({event.result.name}: {event.news})"
         name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""

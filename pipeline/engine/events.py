@@ -39,6 +39,15 @@ class Begun(Event):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Compiling(Event):
+    """Kernels are compiled: the share that is there, and the time that the others may take [s]."""
+
+    name: ClassVar[str] = "compiling"
+    share: float
+    seconds_left: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Started(Event):
     """A task was given to a worker."""
 

@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.folders import user_cache
-from pipeline.jit.files import locked, no_full_disk, open_folder, seal
+from pipeline.jit.files import is_whole, locked, no_full_disk, open_folder, seal
+from pipeline.jit.waits import before_compiling
 from pipeline.jit.work import calling, loading, work
 from pipeline.machine.processor import level, settings_of_numba
 
@@ -108,7 +109,7 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
         self.function, self._kind, self._compiled = function, kind, None
-        self.folder = Path()
+        self.folder, self._home = Path(), f"{function.__module__}.{function.__qualname__}-{kind}"
         self._sealed = 0
 
     @property
@@ -122,16 +123,18 @@ class Kernel:
         return self._compiled
 
     def _dispatcher(self) -> Any:
-        numba, function = _numba(), self.function
-        self.folder = open_folder(cache_folder() / f"{function.__module__}.{function.__qualname__}-{self._kind}")
+        numba = _numba()
+        self.folder = open_folder(cache_folder() / self._home)
         usual = numba.config.CACHE_DIR
         numba.config.CACHE_DIR = str(self.folder)  # Numba asks for it when it makes the dispatcher
         try:
-            return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(function)
+            return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(self.function)
         finally:
             numba.config.CACHE_DIR = usual
 
     def __call__(self, *arguments: Any) -> Any:
+        while before_compiling and self._compiled is None and not is_whole(cache_folder() / self._home):
+            before_compiling.pop()()
         with calling(self.name):
             driver = self._driver
             dispatcher = driver.compiled

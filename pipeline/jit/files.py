@@ -91,6 +91,11 @@ def seal(folder: Path) -> None:
         aside.replace(folder / _DIGESTS)
 
 
+def closed(folder: Path) -> int:
+    """Number of the kernels in a folder that are there and closed."""
+    return len(list(folder.glob(f"*/{_DIGESTS}")))
+
+
 def is_whole(folder: Path) -> bool:
     """Whether only this user can have put anything into a folder, and it holds what it was closed with."""
     try:

@@ -3,6 +3,7 @@ one runs, other threads go on, such as a worker's heartbeat; times of loading an
 """
 
 import errno
+import io
 import os
 import subprocess
 import threading
@@ -12,9 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import ROOT
+from rich.console import Console
 
+from pipeline.app import build as building
 from pipeline.app.build import compile_once, project, steps_of
+from pipeline.app.progress import Bar, Lines
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.engine.events import Compiling
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel
@@ -162,7 +167,7 @@ def test_a_graph_compiles_what_its_tasks_call():
         graph = project(ROOT / stage / "dataset.usda").graph
         return steps_of(graph[name] for name in graph)
 
-    assert steps("tests/data/tiny_conventional") == ("lens", "images", "search")
+    assert steps("tests/data/tiny_conventional") == ("lens", "images")
     assert steps("examples/01_conventional") == ("lens", "images")
     assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images")
     assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
@@ -189,6 +194,53 @@ def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkey
     listed.write_text("")
     compile_once()
     assert len(calls) == 3
+
+
+def test_a_wait_is_told_with_what_is_left_by_the_speed_of_this_machine(folder, monkeypatch):
+    """On a machine ten times as slow as that of the known costs these are believed at first, then what was seen."""
+    told = []
+    monkeypatch.setattr(building, "cache_folder", lambda: folder)
+    monkeypatch.setattr(building, "_KERNELS", {"lens": 20})
+    monkeypatch.setattr(building, "_KERNEL_S", 0.02)
+
+    def slowly(steps):
+        for k in range(20):
+            time.sleep(0.2)
+            (folder / str(k)).mkdir()
+            (folder / str(k) / "SHA256SUMS").touch()
+        return []
+
+    monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", slowly)
+    compile_once(told.append, ("lens",))
+    shares, left = [event.share for event in told], [event.seconds_left for event in told]
+    assert shares == sorted(shares) and shares[0] == 0 and shares[-1] > 0.9 and left[0] < 1.5
+    middle = min(range(len(told)), key=lambda k: abs(shares[k] - 0.5))
+    assert left[middle] > 1 and left[-1] < 1
+    compile_once(told.append, ("lens",))
+    assert len(told) == len(shares)  # nothing is told where nothing is compiled
+
+
+def test_whoever_explains_is_called_once_before_a_process_compiles_and_not_before_it_loads(folder, monkeypatch):
+    calls = []
+    monkeypatch.setattr(decorators, "before_compiling", first := [lambda: calls.append(1)])
+    assert not is_loaded() and len(calls) == 1
+    first.append(lambda: calls.append(1))
+    assert is_loaded() and len(calls) == 1
+
+
+def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(capsys, monkeypatch):
+    for verbosity, line in ((0, "compiling kernels, once per version: about 40 s\n"), (-1, "")):
+        lines = Lines(verbosity)
+        for left_s in (40, 39):
+            lines(Compiling(share=0.5, seconds_left=left_s))
+        assert capsys.readouterr().err == line
+    monkeypatch.setenv("COLUMNS", "40")
+    with Bar() as bar:
+        bar(Compiling(share=0.5, seconds_left=83))
+        drawn = Console(file=io.StringIO(), width=40)
+        drawn.print(bar._progress.get_renderable())
+    (text,) = drawn.file.getvalue().splitlines()
+    assert "━━━━━" in text and "83 s left" in text and "0:00:0" in text and len(text) <= 40
 
 
 def test_two_processes_compile_each_kernel_once_and_name_the_folders_that_they_opened(tmp_path):

@@ -12,11 +12,12 @@ from pathlib import Path
 
 from faults.workbench import STAGE, Row, Workbench
 
-from pipeline.app.build import compile_once, steps_of
+from pipeline.app.build import steps_of
 from pipeline.engine.store import store as store_module
 from pipeline.engine.store.store import Store
 from pipeline.jit import files
 from pipeline.jit.decorators import cache_folder
+from pipeline.machine.facts import command
 
 _FOLDERS = ("cas", "cas/sha256", "ac", "ac/v1", "lock", "tmp", "logs", "history", "sources", "index")
 _FILES = ("VERSION", "gc.lock")
@@ -62,9 +63,10 @@ def damaged_kernels(bench: Workbench) -> Row:
 def _called(bench: Workbench) -> list[str]:
     """Folders of the kernels that a build of the stage calls; it looks at no others."""
     graph = bench.project.graph
-    compile_once(graph=graph)
-    listed = cache_folder() / f"{'-'.join(steps_of(graph[name] for name in graph))}.txt"
-    return [name for name in listed.read_text().split() if (cache_folder() / name).is_dir()]
+    steps = steps_of(graph[name] for name in graph)
+    asked = command("pipeline.app.compile_kernels:compile_apart", "1", *steps)
+    names = subprocess.run(asked, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    return [name for name in names if (cache_folder() / name).is_dir()]
 
 
 def _command(bench: Workbench, kernels: Path, damaged: Path, is_said: bool) -> int:

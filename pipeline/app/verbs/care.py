@@ -1,4 +1,4 @@
-"""`pipeline cache` and `pipeline doctor`: care of the store of results and of the machine."""
+"""`pipeline cache`, `doctor` and `warm`: care of the store of results, of the machine and of kernels."""
 
 import os
 from dataclasses import asdict
@@ -64,6 +64,15 @@ def gc(
         return
     verb = "would drop" if dry_run else "dropped"
     say(f"{verb} {done.records:,} tasks and {done.blobs:,} files, {human(done.bytes)}; {human(done.bytes_left)} stay")
+
+
+def warm() -> None:
+    """Compile all kernels now, after an upgrade or in the image of a container: no build waits for them then."""
+    from pipeline.app.build import STEPS, warm_up
+    from pipeline.jit.decorators import cache_folder
+
+    warm_up(STEPS)
+    say(f"kernels are ready in {cache_folder()}")
 
 
 _SIGNS = {"fine": " ", "doubt": "?", "wrong": "!"}
