@@ -39,7 +39,8 @@ export function overview(page: Page): HTMLElement[] {
 }
 
 function frames(numbers: number[]): string {
-  return numbers.length < 7 ? numbers.join(", ") : `${numbers[0]} to ${numbers[numbers.length - 1]}`;
+  const last = numbers[numbers.length - 1], isRun = numbers.length > 2 && last - numbers[0] === numbers.length - 1;
+  return numbers.length < 7 && !isRun ? numbers.join(", ") : `${numbers[0]} to ${last}`;
 }
 
 /** Per camera where mean, rms and largest difference lie beside the claim, on a logarithmic line. */
