@@ -1,8 +1,8 @@
 """Entry points: how plug-ins are found, folders of `plugins/` and packages of others, which nothing imports.
 
 Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
-timeout_s)` of `--engine NAME:WHERE`; `.products`: a listener of builds that makes something of the delivered folder;
-`.formats`: a module, see docs/export_format.md.
+timeout_s)` of `--engine NAME:WHERE`; `.products`: `report`, which listens to a build and then writes about its folder;
+`.readers`: `lens.SUFFIX` and `camera.SUFFIX`, functions of files; `.formats`: modules, see docs/export_format.md.
 """
 
 import sys

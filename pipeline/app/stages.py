@@ -11,11 +11,9 @@ from typing import Any
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.engine.files import chosen_place
+from pipeline.entry_points import plugged_in
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
-from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.read import read_camera_file, read_lens
-from pipeline.files.lenses.text import UnreadableLens
 from pipeline.folders import put, share
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
@@ -108,15 +106,15 @@ def import_lens(
     replaced: Sequence[str] = (),
     **options: Any,
 ) -> Imported:
-    """Import the lens of a file as a stage; arguments and errors are those of `read_lens` and of `Glasses`."""
-    glasses = Glasses(path, catalogues, replaced) if catalogues or replaced else None
-    lens = read_lens(path, spacing, glasses=glasses, **options)
+    """Import the lens of a file as a stage; arguments and errors are those of the reader, a plug-in, of its suffix."""
+    read = plugged_in("reader", f"lens{path.suffix.lower()}")
+    lens = read(path, spacing, catalogues=catalogues, replaced=replaced, **options)
     return _imported(path, lens, lens.lost, lens_text)
 
 
 def import_camera(path: Path, lens: Path | None = None) -> Imported:
     """Import the camera of a file as a rig, as `import_lens` does; one of the Blender add-on needs a lens table."""
-    camera = read_camera_file(path, lens)
+    camera = plugged_in("reader", f"camera{path.suffix.lower()}")(path, lens)
     return _imported(path, camera, (*camera.lens.lost, *camera.lost), camera_text)
 
 
@@ -126,7 +124,7 @@ def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[An
     try:
         text = text_of(replace(read, provenance=(*read.provenance, *notes)))
     except (PrescriptionError, CameraError) as error:
-        raise UnreadableLens(path, error.what, hint=error.hint) from None
+        raise UsageError(f"{path}: {error.what}", hint=error.hint) from None
     places = ((f"{path}:{loss.line}" if loss.line else str(path), loss) for loss in lost)
     return Imported(text=text, warnings=tuple(f"{place}: warning: {loss.what}" for place, loss in places))
 

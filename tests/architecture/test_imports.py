@@ -42,7 +42,6 @@ TASKS = ", ".join(f"pipeline.tasks.{name}" for name in ("rays", "truth", "images
         ("import pipeline", "numpy pxr numba typer rich colour networkx"),
         ("import pipeline.cli", "numpy pxr numba colour networkx"),
         (f"import {TASKS}", "pxr typer rich colour networkx"),
-        ("import pipeline.files.lenses.read", "pxr numba typer rich"),
         ("import pipeline.camera.parts.camera", "pxr numba networkx OpenEXR"),
         (command("-h"), "numpy pxr networkx numba"),
         (command("export", "--list"), "numba scipy cv2 pxr"),

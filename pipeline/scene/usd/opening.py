@@ -31,7 +31,7 @@ _OF_THE_GRAMMAR = re.compile(r"parse error matching \S*pegtl.*(?= at ')", re.DOT
 _SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
-"""Names of files of USD, and of those that `files.lenses` reads."""
+"""Names of files of USD, and of lenses that plug-ins read."""
 _MOST_NAMES = 4
 """Number of names in one hint: the intended stage is among a few, or cannot be guessed."""
 _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")

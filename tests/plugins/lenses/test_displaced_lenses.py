@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import on_the_spot
 from naive import lens_files as naive
+from plugins.lenses import on_the_spot
 from tolerances import ROUND_TRIP_MM
 
 from pipeline.app.stages import import_lens, write_stage
-from pipeline.files.lenses.read import read_lens
 from pipeline.optics.printed import prescription_of
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_sensor
+from pipeline.plugins.lenses.read import read_lens
 
 pytestmark = pytest.mark.filterwarnings("ignore:Optimal rotation")  # about an axis of symmetry, any is
 

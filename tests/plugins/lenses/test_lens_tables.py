@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
-from files import on_the_spot
-from files.on_the_spot import LENSES, before, stage_prescription
+from plugins.lenses import on_the_spot
+from plugins.lenses.on_the_spot import LENSES, before, stage_prescription
 
 from pipeline.app.stages import import_lens, write_stage
 from pipeline.errors import PipelineError
-from pipeline.files.lenses.read import read_lens
-from pipeline.files.lenses.table import NAMES
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.table import towards_sensor
+from pipeline.plugins.lenses.read import read_lens
+from pipeline.plugins.lenses.table import NAMES
 
 COOKE = stage_prescription(LENSES / "cooke_triplet_50mm.usda")
 # Cooke triplet of Zemax's samples, as in stages/lenses/cooke_triplet_50mm.usda: published for 50 mm, f/5, 20 degrees.

@@ -10,10 +10,10 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.sizing import Beam
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.glasses import Glasses
+from pipeline.plugins.lenses.sizing import Beam
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 from pipeline.spelling import nearest
 
 NAMES = {

@@ -11,10 +11,10 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.files.lenses.axis import is_possible
-from pipeline.files.lenses.stated import figures, remarks
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.axis import is_possible
+from pipeline.plugins.lenses.stated import figures, remarks
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _COLUMNS = ("radius", "thickness", "ior", "abbe", "semi_ap", "coating")
 _FACTOR = {"diameter": 0.5, "semi-diameter": 1.0}

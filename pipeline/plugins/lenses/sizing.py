@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 
-from pipeline.files.lenses.axis import in_order
-from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.first_order import first_order, paraxial_ray
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost, PrintedLens, prescription_of
+from pipeline.plugins.lenses.axis import in_order
+from pipeline.plugins.lenses.text import UnreadableLens
 
 _SAME = 1e-6
 """Relative difference between two semi-diameters of the stop that is due to rounding in a file."""

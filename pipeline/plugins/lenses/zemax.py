@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.files.lenses import text
-from pipeline.files.lenses.axis import about_one_axis, frame
-from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.sizing import Beam, opened, sized
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.frames import inverse
 from pipeline.optics.glass.names import AIR, Named
 from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses import text
+from pipeline.plugins.lenses.axis import about_one_axis, frame
+from pipeline.plugins.lenses.glasses import Glasses
+from pipeline.plugins.lenses.sizing import Beam, opened, sized
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _UNITS_MM = {"MM": 1.0, "CM": 10.0, "IN": 25.4, "INCH": 25.4, "METER": 1000.0, "M": 1000.0}
 _POWER_OF_TERM = {"EVENASPH": 2, "ODDASPHE": 1}  # times the number of the parameter

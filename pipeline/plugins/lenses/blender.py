@@ -16,8 +16,8 @@ from pathlib import Path
 from pipeline.camera.parts.camera import PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _COLUMNS = ("radius", "thickness", "material", "index", "v-no", "sa")
 _LAYOUTS = {"HEX": "hexagonal", "RECT": "square"}

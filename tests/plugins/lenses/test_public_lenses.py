@@ -1,9 +1,9 @@
 """Claim: a public lens file is read with the focal length of an independent reader, or refused for a reason.
 
-`LENS_FILES=folder pytest -m heavy -s tests/published/test_public_lenses.py` reads all files of a folder, and prints how
-they fare. A naive reader judges by its y-nu table, or by its rays where surfaces are displaced, with indices of the
-glasses that we name, from optiland's data or makers' catalogues (.agf) in the folder. zmxtools opens .zar archives for
-it where it is installed.
+`LENS_FILES=folder pytest -m heavy -s tests/plugins/lenses/test_public_lenses.py` reads all files of a folder, and
+prints how they fare. A naive reader judges by its y-nu table, or by its rays where surfaces are displaced, with
+indices of the glasses that we name, from optiland's data or makers' catalogues (.agf) in the folder. zmxtools opens
+.zar archives for it where it is installed.
 """
 
 import hashlib
@@ -17,17 +17,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files.on_the_spot import apart_mm, bending, stage_prescription
 from naive import lens_files as naive
+from plugins.lenses.on_the_spot import apart_mm, bending, stage_prescription
 from tolerances import FOCAL_LENGTH_REL, PRINTED_INDEX
 
 from pipeline.app.stages import import_lens, write_stage
 from pipeline.errors import PipelineError
-from pipeline.files.lenses.read import read_lens
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass.medium import D_UM
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.printed import D_LINE_NM, PrintedLens
+from pipeline.plugins.lenses.read import read_lens
 
 try:
     from zmxtools import zar as zmxtools

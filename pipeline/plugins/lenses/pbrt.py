@@ -8,9 +8,9 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from pipeline.files.lenses.axis import is_possible
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.axis import is_possible
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _OTHER = {"before": "after", "after": "before"}
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.files.lenses.text import UnreadableLens
 from pipeline.frames import inverse, rigid
 from pipeline.optics.prescription import PrescriptionError, least_gap_mm
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface, surface_of
+from pipeline.plugins.lenses.text import UnreadableLens
 
 _TOUCH_MM = 1e-9
 """Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""

@@ -14,8 +14,8 @@ from typing import Any
 from pipeline.camera.parts.camera import PrintedCamera, Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.microlens_array import SIN_60, MicrolensArray
-from pipeline.files.lenses.text import UnreadableLens, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.text import UnreadableLens, read_lines
 from pipeline.records.plain import Json
 
 _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}

@@ -1,23 +1,23 @@
 """Import of a lens or a camera from the file of another program, chosen by the suffix of its name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from pipeline.camera.parts.camera import PrintedCamera
-from pipeline.files.lenses.blender import is_blender, read_blender, read_blender_camera
-from pipeline.files.lenses.codev import read_codev
-from pipeline.files.lenses.flaresim import read_flaresim
-from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.libpleno import read_libpleno
-from pipeline.files.lenses.optical_bench import is_optical_bench, read_optical_bench
-from pipeline.files.lenses.pbrt import read_pbrt
-from pipeline.files.lenses.sizing import Beam, sized
-from pipeline.files.lenses.table import read_table
-from pipeline.files.lenses.text import UnreadableLens, computing, read_lines
-from pipeline.files.lenses.zar import read_zar
-from pipeline.files.lenses.zemax import read_zemax
 from pipeline.optics.printed import PrintedLens
+from pipeline.plugins.lenses.blender import is_blender, read_blender, read_blender_camera
+from pipeline.plugins.lenses.codev import read_codev
+from pipeline.plugins.lenses.flaresim import read_flaresim
+from pipeline.plugins.lenses.glasses import Glasses
+from pipeline.plugins.lenses.libpleno import read_libpleno
+from pipeline.plugins.lenses.optical_bench import is_optical_bench, read_optical_bench
+from pipeline.plugins.lenses.pbrt import read_pbrt
+from pipeline.plugins.lenses.sizing import Beam, sized
+from pipeline.plugins.lenses.table import read_table
+from pipeline.plugins.lenses.text import UnreadableLens, computing, read_lines
+from pipeline.plugins.lenses.zar import read_zar
+from pipeline.plugins.lenses.zemax import read_zemax
 
 _READERS: dict[str, tuple[str, Callable[..., PrintedLens]]] = {
     ".zmx": ("a Zemax lens file", read_zemax),
@@ -26,7 +26,6 @@ _READERS: dict[str, tuple[str, Callable[..., PrintedLens]]] = {
     ".dat": ("a lens table of pbrt", read_pbrt),
     ".lens": ("a lens of FlareSim", read_flaresim),
 }
-_TABLES = (".csv", ".tsv", ".txt")
 _TABLE, _BENCH = "table", "optical bench"
 _NAMED = (".zmx", ".zar", ".seq")
 
@@ -37,7 +36,8 @@ def read_lens(
     *,
     apertures: str | None = None,
     scenario: int | None = None,
-    glasses: Glasses | None = None,
+    catalogues: Sequence[Path] = (),
+    replaced: Sequence[str] = (),
     **beam: float | None,
 ) -> PrintedLens:
     """A lens, with the file it comes from as its provenance.
@@ -45,10 +45,10 @@ def read_lens(
     `spacing`: only for pbrt: the meaning of its thicknesses.
     `apertures`: only for FlareSim: the meaning of its column semi_ap.
     `scenario`: only for the Optical Bench: which of its focal lengths and focus distances, counted from 1.
-    `glasses`: only for Zemax, CODE V and tables: glasses in place of those that they name.
+    `catalogues`, `replaced`: only for Zemax, CODE V and tables: glasses in place of those that they name.
     `beam`: only for tables, f_number and half_field_deg for which missing semi-diameters are computed; they override
         those of the file.
-    Raises UnreadableLens: the format is unknown, or the lens cannot be represented.
+    Raises UnreadableLens: the lens cannot be represented.
     """
     kind, given = _kind(path), next((value for value in beam.values() if value is not None), None)
     for words, value, only in (
@@ -56,11 +56,11 @@ def read_lens(
         ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
         ("--scenario is for texts of the Optical Bench", scenario, (_BENCH,)),
         ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", given, (_TABLE,)),
-        ("--glass and --glasses are for Zemax, CODE V and tables", glasses, (*_NAMED, _TABLE)),
+        ("--glass and --glasses are for Zemax, CODE V and tables", [*catalogues, *replaced] or None, (*_NAMED, _TABLE)),
     ):
         if value is not None and kind not in only:
             raise UnreadableLens(path, words)
-    named = glasses or Glasses(path)
+    named = Glasses(path, catalogues, replaced)
     with computing(path):
         if kind == _TABLE:
             what, lens = _from_table(path, named, **beam)
@@ -77,12 +77,9 @@ def read_lens(
 def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamera:
     """A camera with its parts; `lens` is the lens table of a camera of the Blender add-on.
 
-    Raises UnreadableLens: the format is unknown, or the camera cannot be represented.
+    Raises UnreadableLens: the camera cannot be represented.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in (".csv", ".js"):
-        hint = "known are .csv (the Blender add-on), .js (libpleno)"
-        raise UnreadableLens(path, f'camera files do not end in "{suffix}"', hint=hint)
     if suffix == ".js" and lens is not None:
         raise UnreadableLens(path, "--lens is for cameras of the Blender add-on (.csv)")
     with computing(path):
@@ -92,14 +89,8 @@ def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamer
 def _kind(path: str | Path) -> str:
     """The ending of the name in lower case, or which of the texts and tables that share their endings."""
     suffix = Path(path).suffix.lower()
-    if suffix == ".js":
-        raise UnreadableLens(path, "is a camera of libpleno", hint="pipeline import camera FILE")
-    if suffix in _TABLES:
-        return _BENCH if is_optical_bench(read_lines(path)) else _TABLE
     if suffix not in _READERS:
-        kinds = ", ".join(f"{ending} ({what})" for ending, (what, _) in _READERS.items())
-        kinds += f", {', '.join(_TABLES)} (a plain table, one of the Blender add-on, or a text of the Optical Bench)"
-        raise UnreadableLens(path, f'lens files do not end in "{suffix}"', hint=f"known are {kinds}")
+        return _BENCH if is_optical_bench(read_lines(path)) else _TABLE
     return suffix
 
 

@@ -7,16 +7,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from files import lens_writers as write
-from files import on_the_spot
 from laws import rigs
+from plugins.lenses import lens_writers as write
+from plugins.lenses import on_the_spot
 from scipy.spatial import cKDTree
 
 from pipeline.app.stages import import_camera, write_stage
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.parts.lattice import lattice
-from pipeline.files.lenses.read import read_camera_file
-from pipeline.files.lenses.text import UnreadableLens
+from pipeline.errors import UsageError
+from pipeline.plugins.lenses.read import read_camera_file
 from pipeline.scene.load import load
 
 refused = partial(on_the_spot.refused, read_camera_file)
@@ -195,14 +195,15 @@ def test_cameras_of_libpleno_that_cannot_be_represented_are_refused(file, said, 
 )
 def test_a_camera_with_more_of_a_thing_than_a_stage_can_count_is_refused(name, text, said, tmp_path):
     (blender_folder(tmp_path) / name).write_text(text)
-    with pytest.raises(UnreadableLens, match=f"3000000000 {said} are more than a stage can hold"):
+    with pytest.raises(UsageError, match=f"3000000000 {said} are more than a stage can hold"):
         import_camera(tmp_path / name)
 
 
 def test_other_files_are_refused(tmp_path):
     assert refused(tmp_path, "a.js", "{").startswith("a.js:1: is no JSON")
     assert refused(tmp_path, "a.js", "[" * 100_000).startswith("a.js: is JSON nested too deeply")
-    assert "known are .csv" in refused(tmp_path, "a.zmx", "x")
+    with pytest.raises(UsageError, match=r'has the reader "camera.zmx"\n.*camera.csv, camera.js'):
+        import_camera(tmp_path / "a.zmx")
     assert "--lens is for" in refused(tmp_path, "a.js", "{}", lens=tmp_path / "table.csv")
     assert refused(tmp_path, "none.csv", "radius;thickness\n").startswith("none.csv: ")
 

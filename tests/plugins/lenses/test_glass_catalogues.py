@@ -4,12 +4,12 @@ import math
 from pathlib import Path
 
 import pytest
-from files.on_the_spot import stage_prescription
+from plugins.lenses.on_the_spot import stage_prescription
 from tolerances import BISECTED
 
 from pipeline.app.stages import import_lens, write_stage
 from pipeline.errors import PipelineError
-from pipeline.files.lenses.agf import read_agf
+from pipeline.plugins.lenses.agf import read_agf
 
 BK7 = "1.03961212 0.00600069867 0.231792344 0.0200179144 1.01046945 103.560653"
 FILE = """UNIT MM

@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from files import on_the_spot
+from plugins.lenses import on_the_spot
 
 from pipeline.app.stages import import_lens
-from pipeline.files.lenses import zar
-from pipeline.files.lenses.read import read_lens
+from pipeline.plugins.lenses import zar
+from pipeline.plugins.lenses.read import read_lens
 
 read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_spot.refused))
 

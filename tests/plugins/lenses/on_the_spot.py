@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 from naive import lens_files as naive
+from places import ROOT
 from pxr import Usd
 from scipy.spatial.transform import Rotation
 
-from pipeline.files.lenses.text import UnreadableLens
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.rays import traced
 from pipeline.optics.table import displacements, towards_sensor, unbounded
+from pipeline.plugins.lenses.text import UnreadableLens
 from pipeline.scene.lens import read_prescription
 
-LENSES = Path(__file__).resolve().parents[2] / "stages/lenses"
+LENSES = ROOT / "stages/lenses"
 
 
 def read(reader: Callable[..., Any], folder: Path, name: str, text: str | bytes, **options: Any) -> Any:

@@ -8,10 +8,10 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.glass.names import Named
 from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE, medium
 from pipeline.optics.printed import D_LINE_NM
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _EXPONENTS = {
     1: (2, -2, -4, -6, -8),

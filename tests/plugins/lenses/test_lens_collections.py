@@ -6,22 +6,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from files import on_the_spot
-from files.on_the_spot import LENSES, stage_prescription
+from places import ROOT
+from plugins.lenses import on_the_spot
+from plugins.lenses.on_the_spot import LENSES, stage_prescription
 from tolerances import NOMINAL_EFL, PRINTED_3_MM
 
 from pipeline.app.stages import import_lens
-from pipeline.files.lenses.read import read_lens
-from pipeline.files.lenses.stated import axial_blur_mm, figures
-from pipeline.files.lenses.text import UnreadableLens
+from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.kernels import trace_rays
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.optics.printed import PrintedLens, prescription_of
 from pipeline.optics.table import towards_sensor
+from pipeline.plugins.lenses.read import read_lens
+from pipeline.plugins.lenses.stated import axial_blur_mm, figures
 
-FLARESIM = Path(__file__).resolve().parents[1] / "data/flaresim"
-PUBLISHED = json.loads((Path(__file__).resolve().parents[1] / "published/library_lenses.json").read_text())["lenses"]
+FLARESIM = Path(__file__).with_name("flaresim")
+PUBLISHED = json.loads((ROOT / "tests/published/library_lenses.json").read_text())["lenses"]
 read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_spot.refused))
 
 
@@ -79,7 +80,7 @@ def test_what_a_file_lost_is_said(name: str, words: str) -> None:
     ],
 )
 def test_a_file_that_needs_a_person_is_refused(name: str, words: str) -> None:
-    with pytest.raises(UnreadableLens, match=words):
+    with pytest.raises(UsageError, match=words):
         import_lens(FLARESIM / f"{name}.lens")
 
 

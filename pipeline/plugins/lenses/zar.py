@@ -10,11 +10,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.files.lenses.agf import read_agf
-from pipeline.files.lenses.glasses import Glasses
-from pipeline.files.lenses.text import UnreadableLens
-from pipeline.files.lenses.zemax import read_zemax
 from pipeline.optics.printed import PrintedLens
+from pipeline.plugins.lenses.agf import read_agf
+from pipeline.plugins.lenses.glasses import Glasses
+from pipeline.plugins.lenses.text import UnreadableLens
+from pipeline.plugins.lenses.zemax import read_zemax
 
 _HEADERS = {0xEA: (0x14C, "<I", 0x0C, 0x20, "latin-1"), 0xEC: (0x288, "<Q", 0x10, 0x30, "utf-16-le")}
 """By its first byte: length of a header, layout and place of its member's length, place and encoding of the name."""

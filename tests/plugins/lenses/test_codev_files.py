@@ -4,12 +4,12 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from files import on_the_spot
+from plugins.lenses import on_the_spot
 
 from pipeline.app.stages import import_lens
-from pipeline.files.lenses.read import read_lens
 from pipeline.optics.glass.medium import C_UM, D_UM, F_UM
 from pipeline.optics.glass.row import medium
+from pipeline.plugins.lenses.read import read_lens
 
 read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_spot.refused))
 

@@ -1,5 +1,8 @@
 """`pipeline import` as a user meets it: the stage on stdout or in a file, what was lost on stderr, exit codes."""
 
+import subprocess
+import sys
+
 import pytest
 
 TABLE = "# A doublet\n50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 0 1 18\n"
@@ -54,3 +57,9 @@ def test_a_camera_goes_to_a_new_rig_and_a_lens_table_is_told_from_it(pipeline, t
     code, _, log = pipeline("import", "camera", "cam.csv", "--lens", "none.csv")
     assert code == 2 and log.startswith("error: none.csv: No such file")
     assert pipeline("import", "camera", "a.dat")[0] == 2
+
+
+def test_readers_load_neither_usd_nor_a_compiler():
+    program = "import sys, pipeline.plugins.lenses.read; print({'pxr', 'numba', 'typer', 'rich'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"

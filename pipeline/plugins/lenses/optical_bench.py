@@ -11,9 +11,9 @@ import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from pipeline.files.lenses.stated import remarks
-from pipeline.files.lenses.text import UnreadableLens, number, read_lines
 from pipeline.optics.printed import Lost, PrintedLens, PrintedSurface
+from pipeline.plugins.lenses.stated import remarks
+from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _Row = tuple[int, list[str]]
 _STOP, _FLAT = "AS", ("FS", "CG", "INFINITY", "-INFINITY")
