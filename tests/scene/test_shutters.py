@@ -10,7 +10,7 @@ from pipeline.scene.load import load
 
 OPEN = "double2 exposure = (1, 100)"
 ROLLS = 'token scanOrder = "bottomToTop"\ndouble2 lineOffset = (1, 1000)'
-_RAYS = "            uniform bool plen:truth:rays = true\n"
+_RAYS = "            uniform bool plen:truth:rays = 1\n"
 _LAST = "2: (0.3, -0.2, -432),"
 
 
