@@ -41,15 +41,15 @@ from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project", "run_together"]
 
-STEPS = ("lens", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor")
-"""Steps of kernel compilation: tracing and quadrature of any lens; tilted and refractive microlenses; micro-images;
-images of a flat sheet; images in which one thing may hide another; curved targets; paths of light; the search in
-position images; the noise of raw images.
+STEPS = "lens", "aspheres", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor"
+"""Steps of kernel compilation: tracing and quadrature of any lens; conics and aspheres; tilted and refractive
+microlenses; micro-images; images of a flat sheet; images in which one thing may hide another; curved targets; paths of
+light; the search in position images; the noise of raw images.
 """
-_KERNELS = dict(zip(STEPS, (136, 2, 2, 20, 10, 10, 60, 10, 5), strict=True))
+_KERNELS = dict(zip(STEPS, (19, 2, 8, 1, 7, 5, 2, 10, 3, 2), strict=True))
 """Number of kernels that each step adds, for whoever waits."""
-_KERNEL_S = 0.4
-"""Processor time that a kernel takes [s], on an Intel Xeon: `benchmarks/cold.py`."""
+_KERNEL_S = 0.9
+"""Processor time that a kernel takes with what it contains [s], of an AMD EPYC."""
 _TRUST = 0.2
 """Share of the kernels after which the speed of this machine is believed as much as that time."""
 _STEP_OF_KIND = {
@@ -273,8 +273,8 @@ def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
     environment, nothing, pipe = {**os.environ, **settings()}, subprocess.DEVNULL, subprocess.PIPE
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
         processes = []
-        for order in ("1", "-1"):
-            asked = command("pipeline.app.compile_kernels:compile_apart", order, *steps)
+        for share in ("0", "1"):
+            asked = command("pipeline.app.compile_kernels:compile_apart", share, *steps)
             process = subprocess.Popen(
                 asked, env=environment, stdin=nothing, stdout=pipe, start_new_session=True, text=True
             )
@@ -303,7 +303,10 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
         kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
         steps.add(_STEP_OF_KIND.get(kind, "lens"))
         if task.short_kind == "focus":
-            array = (task.params["camera"] or task.params["request"])["microlenses"]
+            camera = task.params["camera"] or task.params["request"]
+            array, surfaces = camera["microlenses"], camera["prescription"]["surfaces"]
+            if any(row["conic"] or row["even_coefficients"] or row["odd_coefficients"] for row in surfaces):
+                steps.add("aspheres")
             if array and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0):
                 steps.add("microlenses")
         if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":

@@ -5,7 +5,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
+from pipeline.camera.tracing.records import CameraArrays
+from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.jit.files import opened
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.records.plain import to_plain
@@ -35,32 +37,54 @@ from pipeline.targets.target import AnyTarget, Target
 from pipeline.truth.grid import quad_search
 
 
-def compile_kernels(steps: Iterable[str], order: int = 1) -> set[str]:
-    """Call every kernel of these steps once, with the types that real tasks use; the names of their folders."""
+class Part(NamedTuple):
+    """Something to call if all `steps` are asked for: after the parts before it takes `seconds` to compile [s], of a
+    processor AMD EPYC at 2.6 GHz.
+    """
+
+    steps: str
+    seconds: float
+    call: Callable[[], object]
+
+
+def compile_kernels(steps: Iterable[str], share: int | None = None) -> set[str]:
+    """Call every kernel of these steps once, with the types that real tasks use; the names of their folders.
+
+    `share`: 0 or 1, that of one of two processes.
+    """
+    asked = set(steps)
+    parts = [part for part in _PARTS if asked.issuperset(part.steps.split())]
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
-        for part in [part for step in steps for part in _RUN[step]][::order]:
-            part()
+        for part in parts if share is None else shares(parts)[share]:
+            part.call()
     finally:
         gc.enable()
     return opened
 
 
-def compile_apart() -> NoReturn:
-    """Compile steps and print the names of the folders. Arguments: 1, or -1 to begin at the end, and the steps.
+def shares(parts: Sequence[Part]) -> tuple[list[Part], list[Part]]:
+    """Parts for each of two processes: the longest first, each to the one that has less to do."""
+    both: tuple[list[Part], list[Part]] = [], []
+    for part in sorted(parts, key=lambda part: -part.seconds):
+        min(both, key=lambda some: sum(other.seconds for other in some)).append(part)
+    return both
 
-    Two processes share the work like this: what one has compiled, or is compiling, the other one loads. The process
-    ends at once: to free one by one what the compiler has left takes seconds.
+
+def compile_apart() -> NoReturn:
+    """Compile steps and print the names of the folders. Arguments: 0 or 1, which share of them, and the steps.
+
+    The process ends at once: to free one by one what the compiler has left takes seconds.
     """
     sys.excepthook = lambda *error: None  # whoever started this process meets the error, too: see `_compiled_apart`
     print(*compile_kernels(sys.argv[2:], int(sys.argv[1])), sep="\n", flush=True)
     os._exit(0)
 
 
-def _tracer() -> Tracer:
-    stop = Surface(semi_diameter_mm=1.0, is_stop=True)
+def _tracer(*surfaces: Surface) -> Tracer:
+    lens = Prescription(surfaces=(*surfaces, Surface(semi_diameter_mm=1.0, is_stop=True)))
     sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
-    return Tracer(Camera(prescription=Prescription(surfaces=(stop,)), sensor=sensor, sensor_distance_mm=10.0))
+    return Tracer(Camera(prescription=lens, sensor=sensor, sensor_distance_mm=10.0))
 
 
 def _plenoptic(tilt_x_deg: float) -> Tracer:
@@ -70,18 +94,30 @@ def _plenoptic(tilt_x_deg: float) -> Tracer:
     return Tracer(dataclasses.replace(_tracer().camera, microlenses=array))
 
 
-_POSITION, _NO_LENS = np.zeros((1, 2)), np.array([-1])
+_POSITION, _NO_LENS = np.zeros((1, 2)), np.array([NO_MICROLENS])
 """The centre of a sensor [mm] and the index for "no microlens"; any position compiles the same code."""
 _CORNERS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 """Vertices of a triangle [mm]: any shape compiles the same code."""
+_CARD = Occluder(vertices_mm=np.array(_CORNERS), triangles=np.array([[0, 1, 2]]))
+"""Something that hides others."""
 _SQUARES = Checkerboard(columns=2, rows=1, square_mm=1.0)
 """A pattern, of any size."""
 
 
-def _edges() -> None:
-    outlines = edges(_tracer().arrays, _POSITION, _NO_LENS)
+def _integrals(tracer: Tracer, microlens: int) -> None:
+    outlines = edges(tracer.arrays, _POSITION, np.array([microlens]))
     outlines.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
     edge_kernels.spread(outlines.polygons, outlines.counts, np.zeros((1, 1, 2)))
+
+
+def _moments() -> None:
+    _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64))
+
+
+def _aspheres() -> CameraArrays:
+    conic = Surface(radius_mm=-9.0, semi_diameter_mm=2.0, conic=-1.0, index=1.5)
+    asphere = dataclasses.replace(conic, even_coefficients=(0.0, 1e-9), blades=5, index=1.0)
+    return _tracer(conic, asphere).arrays
 
 
 def _micro_images() -> None:
@@ -148,21 +184,21 @@ def _sensor() -> None:
     digital_numbers(response, {"mono": np.zeros((1, 1))}, Shot(seed=0, camera="", frame=0, exposure_time_s=0.0))
 
 
-_RUN: dict[str, tuple[Callable[[], object], ...]] = {
-    "lens": (
-        lambda: single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3))),
-        lambda: _tracer().moments(_POSITION, _NO_LENS, parallel_planes(1.0, 2.0), 4, np.zeros((1, 2), np.int64)),
-        _edges,
-    ),
-    "microlenses": (lambda: micro_images(_plenoptic(1.0)),),
-    "micro_images": (_micro_images,),
-    "images": (lambda: _pictures(_tracer()), lambda: _pictures(_plenoptic(0.0))),
-    "company": (
-        lambda: _pictures(_tracer(), [Occluder(vertices_mm=np.array(_CORNERS), triangles=np.array([[0, 1, 2]]))]),
-        lambda: _shine(Target(_SQUARES)),
-    ),
-    "shapes": (_shapes,),
-    "lighting": (_paths_of_light,),
-    "search": (_search,),
-    "sensor": (_sensor,),
-}
+_PARTS = (
+    Part("lens", 2.0, lambda: single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))),
+    Part("lens", 3.0, _moments),
+    Part("lens", 4.9, lambda: _integrals(_tracer(), NO_MICROLENS)),
+    Part("aspheres", 2.4, _aspheres),
+    Part("microlenses", 2.0, lambda: micro_images(_plenoptic(1.0))),
+    Part("microlenses", 1.9, lambda: _integrals(_plenoptic(1.0), 0)),
+    Part("micro_images", 0.8, _micro_images),
+    Part("micro_images", 0.2, lambda: _integrals(_plenoptic(0.0), 0)),
+    Part("images", 7.8, lambda: _pictures(_tracer())),
+    Part("images micro_images", 0.4, lambda: _pictures(_plenoptic(0.0))),
+    Part("company", 1.2, lambda: _pictures(_tracer(), [_CARD])),
+    Part("company", 0.1, lambda: _shine(Target(_SQUARES))),
+    Part("shapes", 1.2, _shapes),
+    Part("lighting", 16.2, _paths_of_light),
+    Part("search", 1.6, _search),
+    Part("sensor", 1.3, _sensor),
+)

@@ -7,13 +7,15 @@ parallel sums (which would depend on the number of threads).
 
 import ast
 import contextlib
+import ctypes
 import functools
 import hashlib
 import os
+import pickle
 import re
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,18 +28,19 @@ from pipeline.machine.processor import level, settings_of_numba
 _LOCK = threading.RLock()
 _TOLD = "PIPELINE_KERNEL_SOURCES"
 _PACKAGE = Path(__file__).resolve().parents[1]
-_DECORATED = re.compile(rb"^@(kernel|unit|inline)$", re.MULTILINE)
-_OPTIONS = {"nogil": True, "error_model": "numpy", "cache": True, "no_cfunc_wrapper": True}
+_DECORATED = re.compile(rb"^@(kernel|opaque|unit|inline)$", re.MULTILINE)
 _OF_KIND: dict[str, dict[str, Any]] = {
-    "kernel": {},
-    "unit": {"no_cpython_wrapper": True},
-    "inline": {"no_cpython_wrapper": True, "forceinline": True},
+    "kernel": {"cache": True, "no_cfunc_wrapper": True},
+    "unit": {"no_cpython_wrapper": True, "no_cfunc_wrapper": True},
+    "inline": {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True},
 }
-"""Options of Numba beside those for all. Python calls drivers alone; of the others, what two processes need is kept for
-the second.
+"""Options of Numba beside those for all. Only what Python, or a kernel by its address, calls is kept for the next
+process: it contains the rest.
 """
-_made: "list[Kernel]" = []
-"""Kernels that this process has loaded or compiled, or begun to."""
+_opaque: "dict[str, Kernel]" = {}
+"""Opaque functions of the modules that this process has imported: with each kernel, all that it calls."""
+_thread = threading.local()
+"""`fault`: what kept this thread from compiling a function that it came to."""
 
 
 def cache_folder() -> Path:
@@ -110,7 +113,11 @@ class Kernel:
         self.name: str = function.__name__
         self.function, self._kind, self._compiled = function, kind, None
         self.folder, self._home = Path(), f"{function.__module__}.{function.__qualname__}-{kind}"
-        self._sealed = 0
+        self._sealed, self._addresses = 0, dict[Any, int]()
+        if kind == "opaque":
+            _opaque[self._home] = self
+            if _numba.cache_info().currsize:  # a module that comes later
+                _make_callable(self)
 
     @property
     def compiled(self) -> Any:
@@ -118,19 +125,39 @@ class Kernel:
         if self._compiled is None:
             with loading(), _LOCK:  # workers with several threads: one dispatcher, one compilation
                 if self._compiled is None:
-                    self._compiled = self._dispatcher()
-                    _made.append(self)
+                    options = {"nogil": True, "error_model": "numpy", **_OF_KIND[self._kind]}
+                    with self._kept() if self._kind == "kernel" else contextlib.nullcontext():
+                        self._compiled = _numba().njit(**options)(self.function)
         return self._compiled
 
-    def _dispatcher(self) -> Any:
-        numba = _numba()
+    def address(self, types: Any) -> int:
+        """Address of an opaque function for arguments of these types of Numba, as C would call it."""
+        with loading(), _LOCK, no_full_disk(cache_folder()):
+            if types not in self._addresses:
+                numba = _numba()
+                with self._kept(), locked(self.folder):
+                    code = numba.cfunc(self._result(*types), cache=True, error_model="numpy")(self.function)
+                    if not code.cache_hits:
+                        seal(self.folder)
+                self._addresses[types] = code.address
+            return self._addresses[types]
+
+    @property
+    def _result(self) -> Any:
+        """Numba's type of what an opaque function returns: a number, if it says so, or nothing."""
+        types = _numba().types
+        return types.float64 if self.function.__annotations__.get("return") is float else types.none
+
+    @contextlib.contextmanager
+    def _kept(self) -> Iterator[None]:
+        """Open the folder of the code; Numba asks for it when it makes a function that it may keep."""
         self.folder = open_folder(cache_folder() / self._home)
-        usual = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(self.folder)  # Numba asks for it when it makes the dispatcher
+        config = _numba().config
+        usual, config.CACHE_DIR = config.CACHE_DIR, str(self.folder)
         try:
-            return numba.njit(**_OPTIONS, **_OF_KIND[self._kind])(self.function)
+            yield
         finally:
-            numba.config.CACHE_DIR = usual
+            config.CACHE_DIR = usual
 
     def __call__(self, *arguments: Any) -> Any:
         while before_compiling and self._compiled is None and not is_whole(cache_folder() / self._home):
@@ -141,10 +168,11 @@ class Kernel:
             if not dispatcher.overloads:
                 with loading(), _LOCK, no_full_disk(cache_folder()), locked(driver.folder):
                     dispatcher.compile(tuple(map(_numba().typeof, arguments)))
-                    seal_kernels()
+                    driver._seal()
             result = dispatcher(*arguments)
-            if len(dispatcher.overloads) != driver._sealed:  # types were new, for what it calls, too
-                seal_kernels()
+            if fault := _thread.__dict__.pop("fault", None):
+                raise fault
+            driver._seal()  # types were new
             return result
 
     @functools.cached_property
@@ -152,7 +180,7 @@ class Kernel:
         """The kernel for Python; a copy of one that kernels call, which only tests ask for."""
         return self if self._kind == "kernel" else Kernel(self.function, "kernel")
 
-    def seal(self) -> None:
+    def _seal(self) -> None:
         """Close the folder of the code if Numba has put more there."""
         known = len(self.compiled.overloads)
         if known != self._sealed:
@@ -167,15 +195,18 @@ class Kernel:
         done.crossings += rays * surfaces
 
 
-def seal_kernels() -> None:
-    """Close the folders of all kernels that this process has compiled."""
-    for kernel in _made:
-        kernel.seal()
-
-
 def kernel(function: Any) -> Any:
     """Compile a driver: a function that loops over many rays or pixels, called from Python."""
     return Kernel(function, "kernel")
+
+
+def opaque(function: Any) -> Any:
+    """Compile, once it runs, a function that kernels call for many rays. It allocates nothing, and returns nothing or,
+    if its annotation says so, a float.
+
+    Kernels call it by its address, and neither contain it nor wait for it: what no ray comes to is never compiled.
+    """
+    return Kernel(function, "opaque")
 
 
 def unit(function: Any) -> Any:
@@ -205,6 +236,7 @@ def borrowed(value: Any) -> Any:
 @functools.cache
 def _numba() -> Any:
     os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
+    import llvmlite.binding
     import numba
     from numba import extending, types
 
@@ -213,15 +245,17 @@ def _numba() -> Any:
 
         def __init__(self, kernel: Kernel) -> None:
             super().__init__(kernel.compiled)
-            self.kernel = kernel
 
         def get_call_type(self, context: Any, arguments: Any, keywords: Any) -> Any:
-            with locked(self.kernel.folder):
-                call_type = super().get_call_type(context, tuple(map(types.unliteral, arguments)), keywords)
-                self.kernel.seal()
-            return call_type
+            return super().get_call_type(context, tuple(map(types.unliteral, arguments)), keywords)
 
-    extending.typeof_impl.register(Kernel)(lambda kernel, context: KernelType(kernel))
+    def type_of(kernel: Kernel, context: Any) -> Any:
+        return None if kernel._kind == "opaque" else KernelType(kernel)
+
+    extending.typeof_impl.register(Kernel)(type_of)
+    for kernel in _opaque.values():
+        _make_callable(kernel)
+    llvmlite.binding.add_symbol(_FIND, ctypes.cast(_find, ctypes.c_void_p).value)
 
     extending.register_model(KernelType)(extending.models.OpaqueModel)
     single, double = types.float32, types.float64
@@ -248,3 +282,63 @@ def _numba() -> Any:
         lambda context, builder, signature, arguments: uncounted(context, builder, signature.args[0], arguments[0])
     )
     return numba
+
+
+_FIND = "pipeline_find_kernel"
+"""Symbol by which compiled code calls `_find`."""
+
+
+@ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t, ctypes.c_void_p)
+def _find(name: int, size: int, slot: int) -> int:
+    """For compiled code: the address of the function that it has come to, which it finds in the slot from now on.
+
+    No exception passes compiled code. After one it goes on with a function that does nothing, and the kernel that
+    Python called raises it.
+    """
+    try:
+        kernel, types = pickle.loads(ctypes.string_at(name, size))
+        address = _opaque[kernel].address(types)
+        ctypes.c_void_p.from_address(slot).value = address
+    except BaseException as error:
+        _thread.fault = error
+        address = ctypes.cast(_nothing, ctypes.c_void_p).value or 0
+    return address
+
+
+@ctypes.CFUNCTYPE(None)
+def _nothing() -> None:
+    """Callers clear their own arguments: it does for any."""
+
+
+def _make_callable(kernel: Kernel) -> None:
+    """Let kernels call an opaque one: through a slot with its address, which is empty at first."""
+    from llvmlite import ir
+    from numba import extending, types
+
+    def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        pointer, size, module = ir.IntType(8).as_pointer(), ir.IntType(64), builder.module
+
+        def variable(kind: Any, value: Any) -> Any:
+            made = ir.GlobalVariable(module, kind, module.get_unique_name(kernel.name))
+            made.linkage, made.initializer = "internal", ir.Constant(kind, value)
+            return made
+
+        name = bytearray(pickle.dumps((kernel._home, signature.args)))
+        slot = variable(pointer, None)
+        known, before = builder.load(slot), builder.block
+        with builder.if_then(builder.icmp_unsigned("==", known, ir.Constant(pointer, None)), likely=False):
+            find = module.globals.get(_FIND) or ir.Function(
+                module, ir.FunctionType(pointer, [pointer, size, pointer]), _FIND
+            )
+            text = builder.bitcast(variable(ir.ArrayType(ir.IntType(8), len(name)), name), pointer)
+            found, after = builder.call(find, [text, size(len(name)), builder.bitcast(slot, pointer)]), builder.block
+        address = builder.phi(pointer)
+        address.add_incoming(known, before)
+        address.add_incoming(found, after)
+        result = context.get_value_type(signature.return_type)
+        function = ir.FunctionType(result, [argument.type for argument in arguments]).as_pointer()
+        return builder.call(builder.bitcast(address, function), arguments)
+
+    typed = functools.wraps(kernel.function)(lambda *arguments: kernel._result)
+    extending.type_callable(kernel)(lambda context: typed)
+    extending.lower_builtin(kernel, types.VarArg(types.Any))(call)

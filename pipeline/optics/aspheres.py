@@ -15,7 +15,7 @@ there in the end has missed.
 import math
 from typing import NamedTuple
 
-from pipeline.jit.decorators import fma, inline
+from pipeline.jit.decorators import fma, inline, opaque
 from pipeline.optics.crossing import Ray, put, put_point, ray_of
 from pipeline.optics.table import (
     COEFFICIENTS,
@@ -234,7 +234,7 @@ def _quartic(v, v2, a0, a1, a2, a3, a4):
     return fma(v2, fma(v2, a4, fma(a3, v, a2)), fma(a1, v, a0))
 
 
-@inline
+@opaque
 def cross_asphere(row, packet, count):
     """Move rays of a packet from the vertex plane to one conic or asphere and refract."""
     scratch, mu = packet.scratch, row[INDEX_RATIO]
@@ -251,7 +251,7 @@ def cross_asphere(row, packet, count):
             put(packet, i, bent(mu, ray_of(packet, i), Normal(scratch[0, i], scratch[1, i], scratch[2, i])))
 
 
-@inline
+@opaque
 def _meet_asphere(row, packet, count):
     """Move rays from the vertex plane to the asphere: to the conic, then on by Newton's steps, till none moves."""
     shape, scratch, short = shape_of(row), packet.scratch, is_short(row)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, opaque, unit
 from pipeline.optics import table as column
 from pipeline.optics.aspheres import cross_asphere, shape_of, through_cylinder
 from pipeline.optics.brown import turned_with_distortion
@@ -71,7 +71,7 @@ def new_packet():
     )
 
 
-@unit
+@opaque
 def trace_packet(table, packet, count):
     """Trace the first `count` rays of a packet through all surfaces of a table, in place; z ends on the last one."""
     for k in range(table.shape[0]):
@@ -114,15 +114,11 @@ def _through_rest(row, packet, count):
     for i in range(count):
         put_point(packet, i, to_vertex_plane(vertex, ray_of(packet, i)))
     if row[column.FORM] == column.RELIEF:
-        for i in range(count):
-            put(packet, i, through_relief(row, row[column.INDEX_RATIO], ray_of(packet, i)))
+        _through_relief(row, packet, count)
     elif row[column.FORM] == column.CYLINDER:
-        shape, mu = shape_of(row), row[column.INDEX_RATIO]
-        for i in range(count):
-            put(packet, i, through_cylinder(shape, mu, ray_of(packet, i)))
+        _through_cylinder(row, packet, count)
     elif row[column.TERMS] < column.IDEAL:
-        for i in range(count):
-            put(packet, i, turned_with_distortion(row, ray_of(packet, i)))
+        _turn_with_distortion(row, packet, count)
     elif row[column.TERMS] < 0.0:
         power, limit = row[column.COEFFICIENTS], row[column.SEMI_DIAMETER_SQUARED]
         for i in range(count):
@@ -131,7 +127,26 @@ def _through_rest(row, packet, count):
         cross_asphere(row, packet, count)
 
 
-@inline
+@opaque
+def _through_relief(row, packet, count):
+    for i in range(count):
+        put(packet, i, through_relief(row, row[column.INDEX_RATIO], ray_of(packet, i)))
+
+
+@opaque
+def _through_cylinder(row, packet, count):
+    shape, mu = shape_of(row), row[column.INDEX_RATIO]
+    for i in range(count):
+        put(packet, i, through_cylinder(shape, mu, ray_of(packet, i)))
+
+
+@opaque
+def _turn_with_distortion(row, packet, count):
+    for i in range(count):
+        put(packet, i, turned_with_distortion(row, ray_of(packet, i)))
+
+
+@opaque
 def _clip(row, packet, count):
     """Block what misses an aperture that is not just the circle, at the surface itself."""
     inner = row[column.INNER_SQUARED]

@@ -14,7 +14,7 @@ MOST_LINES, LONGEST = 400, 60
 """Lines of a module, lines of a function without its docstring."""
 MOST_PARAMETERS, MOST_OF_A_KERNEL = 6, 8
 """Parameters of a function, and of one that Numba compiles."""
-KERNELS = {"kernel", "unit", "inline", "DeviceKernel"}
+KERNELS = {"kernel", "opaque", "unit", "inline", "DeviceKernel"}
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from pipeline.camera.rig import Rig
 from pipeline.frames import apply
 
 PACKAGE = Path(__file__).parents[2] / "pipeline"
-KERNELS = {"kernel", "unit", "inline", "DeviceKernel"}
+KERNELS = {"kernel", "opaque", "unit", "inline", "DeviceKernel"}
 """Decorators of functions that Numba compiles: they take what it infers."""
 ROOMS = ("camera", "optics", "targets", "truth", "render")
 

@@ -5,7 +5,9 @@ one runs, other threads go on, such as a worker's heartbeat; times of loading an
 import errno
 import io
 import os
+import shutil
 import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -17,12 +19,13 @@ from rich.console import Console
 
 from pipeline.app import build as building
 from pipeline.app.build import compile_once, project, steps_of
+from pipeline.app.compile_kernels import Part, shares
 from pipeline.app.progress import Bar, Lines
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.engine.events import Compiling
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
-from pipeline.jit.decorators import Kernel
+from pipeline.jit.decorators import Kernel, kernel, opaque
 from pipeline.jit.work import calling, loading, work
 from pipeline.machine.facts import command
 
@@ -88,6 +91,64 @@ def test_a_kernel_of_other_types_is_kept_beside(folder, said):
     fresh = Kernel(twice, "kernel")
     assert fresh(4.0) == fresh(4) == 8.0
     assert is_loaded() and is_loaded(4) and not said
+
+
+@opaque
+def double(values):
+    values[0] *= 2.0
+
+
+@opaque
+def negative(value) -> float:
+    return -value
+
+
+@kernel
+def double_or_negate(values, is_doubled):
+    if is_doubled:
+        double(values)
+    else:
+        values[0] = negative(values[0])
+
+
+def test_an_opaque_function_is_compiled_when_it_first_runs(folder, monkeypatch):
+    """Until then it is not in the cache. What goes wrong then is raised by the kernel, and no trace of it is left."""
+    values = np.ones(1)
+    double_or_negate(values, True)
+    assert values == 2.0 and not [*folder.glob("*.negative-*")]
+    with monkeypatch.context() as here, pytest.raises(KeyboardInterrupt):
+        here.setattr(Kernel, "address", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        double_or_negate(values, False)
+    values[0] = 3.0
+    double_or_negate(values, False)
+    assert values == -3.0 and len([*folder.glob("*.negative-opaque/*/*.nbc")]) == 1
+
+
+def test_a_changed_callee_is_compiled_again_by_the_next_process(tmp_path):
+    """The kernel that calls it by its address did not change."""
+    package = shutil.copytree(ROOT / "pipeline", tmp_path / "pipeline", ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "driver.py").write_text(
+        "from pipeline.callee import put\nfrom pipeline.jit.decorators import kernel\n\n\n"
+        "@kernel\ndef drive(values):\n    put(values)\n"
+    )
+
+    def driven(number):
+        (package / "callee.py").write_text(
+            f"from pipeline.jit.decorators import opaque\n\n\n@opaque\ndef put(values):\n    values[0] = {number}\n"
+        )
+        code = "import numpy, pipeline.driver as d; v = numpy.zeros(1); d.drive(v); print(v[0], d.__file__)"
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path), "PIPELINE_JIT_CACHE": str(tmp_path / "jit")}
+        said = subprocess.check_output([sys.executable, "-c", code], env=environment, cwd=tmp_path, text=True)
+        number, path = said.split()
+        assert path.startswith(str(tmp_path))
+        return float(number)
+
+    assert [driven(number) for number in (1.0, 2.0)] == [1.0, 2.0]
+
+
+def test_two_processes_share_parts_by_their_cost():
+    both = shares([Part("", seconds, list) for seconds in (1.0, 5.0, 2.0, 3.0)])
+    assert [[part.seconds for part in some] for some in both] == [[5.0, 1.0], [3.0, 2.0]]
 
 
 DAMAGE = {
@@ -161,13 +222,13 @@ def test_a_full_disk_is_an_error_of_the_machine(folder, said, monkeypatch):
 
 
 def test_a_graph_compiles_what_its_tasks_call():
-    """The tiny stage searches in position images, examples 2 and 3 have plain microlenses; no target is bent."""
+    """The stage of `reading` searches in position images and has a sensor; no lens here has an asphere."""
 
     def steps(stage):
         graph = project(ROOT / stage / "dataset.usda").graph
         return steps_of(graph[name] for name in graph)
 
-    assert steps("tests/data/tiny_conventional") == ("lens", "images")
+    assert steps("tests/data/reading") == ("lens", "micro_images", "images", "search", "sensor")
     assert steps("examples/01_conventional") == ("lens", "images")
     assert steps("examples/02_plenoptic") == ("lens", "micro_images", "images")
     assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
@@ -249,12 +310,12 @@ def test_two_processes_compile_each_kernel_once_and_name_the_folders_that_they_o
     environment.pop("PYTHONUNBUFFERED", None)  # what is said last must arrive all the same
     both = [
         subprocess.Popen(
-            command("pipeline.app.compile_kernels:compile_apart", order, "search", "sensor"),
+            command("pipeline.app.compile_kernels:compile_apart", share, "search", "sensor"),
             env=environment,
             stdout=subprocess.PIPE,
             text=True,
         )
-        for order in ("1", "-1")
+        for share in ("0", "1")
     ]
     lines = [line for process in both for line in process.communicate()[0].splitlines()]
     saved = [line for line in lines if line.startswith("[cache] data saved to")]

@@ -64,8 +64,8 @@ def _called(bench: Workbench) -> list[str]:
     """Folders of the kernels that a build of the stage calls; it looks at no others."""
     graph = bench.project.graph
     steps = steps_of(graph[name] for name in graph)
-    asked = command("pipeline.app.compile_kernels:compile_apart", "1", *steps)
-    names = subprocess.run(asked, stdout=subprocess.PIPE, text=True, check=True).stdout.split()
+    asked = [command("pipeline.app.compile_kernels:compile_apart", share, *steps) for share in ("0", "1")]
+    names = {name for words in asked for name in subprocess.check_output(words, text=True).split()}
     return [name for name in names if (cache_folder() / name).is_dir()]
 
 

@@ -16,7 +16,7 @@ from pipeline.camera.tracing.microlens_kernels import KIND, PLAIN, X, Y, towards
 from pipeline.camera.tracing.packets import aim_mixed
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sampling_bounds import SHORTEST_EDGE_MM
-from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, opaque
 from pipeline.optics.crossing import entered, motion_of_row, ray_of
 from pipeline.optics.kernels import PACKET, Packet, new_packet, trace_packet
 from pipeline.optics.table import EDGES, FIRST_EDGE, INNER_SQUARED, POSE, SEMI_DIAMETER_SQUARED
@@ -41,7 +41,7 @@ class Labels(NamedTuple):
     clearance: np.ndarray
 
 
-@unit
+@opaque
 def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     """Send rays through points that x and y of the packet hold, and say what blocks each, and how far from an edge.
 
@@ -73,7 +73,7 @@ def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     label_surfaces(camera.table, 0, packet, size, labels)
 
 
-@inline
+@opaque
 def _label_faces(camera, microlens, owner, start, size, packet, labels):
     """Label what the faces of microlenses block; the packet is left there."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
@@ -91,7 +91,7 @@ def _label_faces(camera, microlens, owner, start, size, packet, labels):
         first = end
 
 
-@unit
+@opaque
 def label_surfaces(table, base, packet, size, labels):
     """Trace a packet surface by surface and name, from `base` on, what blocks rays that nothing has blocked before."""
     x, y, alive, label, clearance = packet.x, packet.y, packet.alive, labels.label, labels.clearance

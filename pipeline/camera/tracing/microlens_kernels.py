@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.camera.tracing.acceptance import disc_weight, is_limited, region_weight
 from pipeline.camera.tracing.records import SensorPoints
-from pipeline.jit.decorators import inline, kernel, unit
+from pipeline.jit.decorators import inline, kernel, opaque
 from pipeline.optics.crossing import Ray, put, ray_of
 from pipeline.optics.kernels import PACKET, new_packet, trace_packet
 
@@ -28,7 +28,7 @@ CURVATURE_OF_NORMALS, INDEX, IN_FRONT, BENDS = range(4)
 aperture is that of the front face, behind a plane; the last is their number."""
 
 
-@unit
+@opaque
 def through_microlens(camera, microlens, start, size, packet):
     """From sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     elements, row = camera.elements, camera.microlenses[microlens]
@@ -136,8 +136,8 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
     return sx + h * dx / dz, sy + h * dy / dz
 
 
-@unit
-def free_weight(camera, microlens, sx, sy, polygon):
+@opaque
+def free_weight(camera, microlens, sx, sy, polygon) -> float:
     """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
     aperture, acceptance, elements, rims = camera.aperture, camera.acceptance, camera.elements, camera.elements.rims
     row = camera.microlenses[microlens]

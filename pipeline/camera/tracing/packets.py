@@ -13,7 +13,7 @@ from pipeline.camera.tracing.acceptance import accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, FOCAL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sobol import scrambled
-from pipeline.jit.decorators import inline, unit
+from pipeline.jit.decorators import inline, opaque
 from pipeline.optics.crossing import Ray, put
 from pipeline.optics.kernels import Packet, trace_packet
 
@@ -23,7 +23,7 @@ _VERTEX_X, _VERTEX_Y, _POWER = range(3)
 """Scratch arrays of a packet that hold the plain microlens of each ray: nothing else needs them before the trace."""
 
 
-@unit
+@opaque
 def draw(bits, first, size, seed, values):
     """Scrambled coordinates of samples first ... first + size of one dimension."""
     for i in range(size):
@@ -48,7 +48,7 @@ class Aims(NamedTuple):
     scratch: np.ndarray
 
 
-@unit
+@opaque
 def aim_into(region, fan, anchor, aims):
     """Turn two random numbers of each ray, in x and y, into a point of a region.
 
@@ -84,7 +84,7 @@ def aim_into(region, fan, anchor, aims):
         y[i] = cy + radius * ey + anchor.drift * (start_y[i] - anchor.y)
 
 
-@unit
+@opaque
 def spread(diffraction, microlens, aims):
     """Move starts as the apertures diffract light, by three random numbers each, in the scratch arrays.
 
@@ -147,7 +147,7 @@ def send_packet(camera, microlens, start, size, packet):
     trace_packet(camera.table, packet, size)
 
 
-@unit
+@opaque
 def aim_packet(camera, microlens, start, size, packet):
     """Send such rays as far as the main lens."""
     if microlens >= 0 and camera.elements.model != PLAIN:
@@ -167,7 +167,7 @@ def send_mixed(camera, microlens, owner, start, size, packet):
     trace_packet(camera.table, packet, size)
 
 
-@unit
+@opaque
 def aim_mixed(camera, microlens, owner, start, size, packet):
     """Send such rays as far as the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
@@ -187,7 +187,7 @@ def aim_mixed(camera, microlens, owner, start, size, packet):
         _aim(camera, microlens[owner[0]] >= 0, start, size, packet)
 
 
-@inline
+@opaque
 def _through(camera, microlens, start, size, packet):
     """Aim rays through a microlens that is not plain."""
     through_microlens(camera, microlens, start, size, packet)
