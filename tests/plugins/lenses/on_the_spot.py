@@ -11,11 +11,11 @@ from places import ROOT
 from pxr import Usd
 from scipy.spatial.transform import Rotation
 
+from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.rays import traced
 from pipeline.optics.table import displacements, towards_sensor, unbounded
-from pipeline.plugins.lenses.text import UnreadableLens
 from pipeline.scene.lens import read_prescription
 
 LENSES = ROOT / "stages/lenses"
@@ -28,7 +28,7 @@ def read(reader: Callable[..., Any], folder: Path, name: str, text: str | bytes,
 
 
 def refused(reader: Callable[..., Any], folder: Path, name: str, text: str | bytes, **options: Any) -> str:
-    with pytest.raises(UnreadableLens) as error:
+    with pytest.raises(UsageError) as error:
         read(reader, folder, name, text, **options)
     return str(error.value).replace(f"{folder}/", "")
 
