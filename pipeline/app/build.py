@@ -251,14 +251,17 @@ def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
 def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
     """A context whose wait is told at once and every second, whichever process compiles."""
     done, ended, start = ready(folder), threading.Event(), time.monotonic()
-    count = sum(_KERNELS[step] for step in steps if step not in done)
-    before = closed(folder) if done else 0  # else those of a process that compiles now, or that was ended
+    count = max(1, sum(_KERNELS[step] for step in steps if step not in done))
+    begun, known = closed(folder), _TRUST * count
+    before = begun if done else 0  # else those are of a process that compiles now, or that was ended
 
     def tell() -> None:
         while True:
-            share = min((closed(folder) - before) / max(count, 1), 0.99)
-            known_s = time.monotonic() - start + _TRUST * count * _KERNEL_S / min(workers, 2)
-            on_event(Compiling(share=share, seconds_left=round((1 - share) * known_s / (share + _TRUST), 1)))
+            there = closed(folder)
+            share = min((there - before) / count, 0.99)
+            taken_s = time.monotonic() - start + known * _KERNEL_S / min(workers, 2)
+            left_s = (1 - share) * count * taken_s / (there - begun + known)
+            on_event(Compiling(share=share, seconds_left=round(left_s, 1)))
             if ended.wait(1.0):
                 return
 

@@ -54,6 +54,13 @@ def test_the_doctor_finds_nothing_wrong_here(in_this_process):
     assert all(one["mend"] for one in found["findings"] if one["state"] != "fine")
 
 
+def test_kernels_that_nobody_may_keep_are_not_compiled_beforehand(in_this_process, monkeypatch, tmp_path):
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path / "jit"))
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    code, text, log = in_this_process("warm")
+    assert (code, text) == (5, "") and "PIPELINE_JIT_CACHE" in log and "compiling" not in log
+
+
 def test_the_doctor_says_what_to_mend(in_this_process, monkeypatch):
     """A library that is gone, a size that is none, a plug-in folder that is gone, a setting that costs time."""
 
