@@ -28,9 +28,12 @@ SECONDS_PER_RAY = 1e-7
 behind microlenses, tiles of images of boards up to 90 ns, on a core of an AMD EPYC on 24 November 2026. Slower
 processors take two or three times as long.
 """
-_SECONDS_PER_SURFACE = 3e-7
-"""Processor time of a ray of a lit image for each surface on its path [s]: with two reflections a ray took 0.5 µs
-before an open wall and 1.1 µs in a closed room, with five of them 0.5 and 1.7 µs, on an AMD EPYC on 28 November 2026.
+_SECONDS_PER_SURFACE = 6e-7
+"""Processor time of a ray of a lit image for each surface that it meets [s]: with two reflections rays took 2.5 µs in
+example 05 on a busy machine, else 0.5 µs before an open wall and 1.1 in a closed room, on 28 November 2026.
+"""
+_GOING_ON = 0.8
+"""Share of the rays that go on from a surface to the next [1]: in that room five reflections took 1.55 times as long.
 """
 _SHARE_BEHIND_MICROLENSES = 0.3
 """Share of the rays of a white image that one without lamps takes behind microlenses: 0.2 to 0.4 in example 02."""
@@ -82,7 +85,8 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
         elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
             ray_s = _SECONDS_PER_MET
         elif "view" in params and not glows:
-            ray_s = _SECONDS_PER_SURFACE * (params["view"]["lighting"]["bounces"] + 1)
+            bounces = params["view"]["lighting"]["bounces"]
+            ray_s = _SECONDS_PER_SURFACE * sum(_GOING_ON**met for met in range(bounces + 1))
         elif glows:
             rays *= _share_sampled(as_json(focus), as_json(params["view"]["targets"]))
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)

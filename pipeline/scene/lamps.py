@@ -14,7 +14,7 @@ from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, take, target_paths
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, read_once, take, target_paths
 from pipeline.spelling import frames_in_words
 
 KINDS = {
@@ -71,6 +71,7 @@ def is_in_images(prim: Usd.Prim) -> bool:
     return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
+@read_once
 def lights(stage: Usd.Stage) -> list[Usd.Prim]:
     """Lights of any kind in stage order that are neither for viewers alone, nor invisible for ever."""
     return [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI) and is_in_images(prim)]

@@ -82,13 +82,16 @@ def load(
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         stage, problems = open_stage(path)
-        if wrong := list(check_numbers(stage)) or check_instances(stage):
+        if wrong := list(check_numbers(stage, Others(stage))):
+            return _refused(problems + wrong)
+        wrong, others = check_instances(stage)
+        if wrong:
             return _refused(problems + wrong)
         if root := find_dataset(stage):
             problems += write_out(stage, frame_numbers(root))
         roots = allowed_roots(Path(path), allow_roots)
         with unchanging(), reading_below(roots):
-            loaded = _read(stage, roots, look, problems)
+            loaded = _read(stage, roots, look, [*others.settled(problems), *check(stage, roots, others)])
             return loaded if later else replace(loaded, doubts=list)
     except StageError as error:
         return _refused(error.problems)
@@ -106,8 +109,7 @@ def _refused(problems: list[Problem]) -> Loaded:
 
 
 def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Problem]) -> Loaded:
-    problems = without_followers([*Others(stage).settled(problems), *check(stage, roots)])
-    loaded = _refused(problems)
+    loaded = _refused(problems := without_followers(problems))
     if loaded.errors:
         return loaded
     root = find_dataset(stage)

@@ -12,7 +12,7 @@ from pipeline.render.lighting.records import Finish, Numbers
 from pipeline.scene.lamps import is_in_images, is_lit
 from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades, values_of
 from pipeline.scene.targets import is_preview
-from pipeline.scene.usd.meshes import Drawn, drawn, is_drawn, likeness
+from pipeline.scene.usd.meshes import Drawn, alike, drawn, is_animated, is_drawn, likeness_with_above, look, of_prim
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
 
@@ -26,22 +26,27 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     named = dict.fromkeys(prim for prim in below if is_drawn(prim))
     if not is_lit(stage):
         return list(named)
-    taken = {mesh for prim in stage.Traverse() for mesh in targets(prim, "plen:mesh", "Mesh")}
+    meshed = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
+    taken = {mesh for prim in meshed for mesh in targets(prim, "plen:mesh", "Mesh")}
     others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
     return list(named) + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
 
 
 @read_once
+def seen_shapes(root: Usd.Prim) -> list[list[Usd.Prim]]:
+    """These shapes, those together that are alike."""
+    return alike(seen_meshes(root), lambda prim: of_prim(prim, 0.0 if is_animated(prim) else None))
+
+
+@partial(read_once, named=look)
+def _shaded_as(prim: Usd.Prim) -> Hashable:
+    shaded, of_face = shades(prim)
+    return likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
+
+
 def _named(prim: Usd.Prim, frame: int | None = None) -> Hashable:
     """The name of the finish of a shape: all that it depends on, inherited primvars too."""
-    shaded, of_face = shades(prim)
-    told = _likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
-    return told if frame is None else (prim, frame)
-
-
-@read_once
-def _likeness_with_above(prim: Usd.Prim) -> Hashable:
-    return (likeness(prim), _likeness_with_above(prim.GetParent())) if prim.GetParent() else ()
+    return _shaded_as(prim) if frame is None else (prim, frame)
 
 
 @partial(read_once, named=_named)
@@ -148,11 +153,15 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint="make the lamps brighter instead")
     remarks = dict[Problem, None]()  # meshes share materials
-    waiting, blamed = [prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong], set[Any]()
+    seen = (prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong)
+    waiting = alike(seen, look)
+    blamed = set[Any]()
     while waiting:
+        first, *rest = waiting[0]
         try:
-            read_finish(waiting[0])
-            remarks |= dict.fromkeys([*remarks_on(waiting[0]), *_carried(waiting[0])[2]])
+            read_finish(first)
+            told = [*remarks_on(first), *_carried(first)[2]]
+            remarks |= dict.fromkeys(told + [each for prim in rest if told for each in remarks_on(prim)])
         except UnreadableValue as error:
             if error.thing not in blamed:
                 blamed.add(error.thing)

@@ -1,5 +1,6 @@
 """Occluders: meshes and solids, in each frame with its shape, and outside the lens."""
 
+import itertools
 from collections.abc import Iterator, Sequence, Set
 from functools import partial
 
@@ -9,7 +10,7 @@ from pxr import Sdf, Usd
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.dataset import OccluderEntry
-from pipeline.scene.materials import read_finish, seen_meshes
+from pipeline.scene.materials import read_finish, seen_shapes
 from pipeline.scene.usd.meshes import drawn, is_animated, of_prim
 from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.poses import (
@@ -32,7 +33,7 @@ def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> l
     """A shape that a dataset names as an occluder, or any that lamps light: in each frame, if it is animated, with its
     shape there. None that has no triangles.
     """
-    moments: list[int | None] = list(frames) if is_animated(prim, with_primvars=lit) else [None]
+    moments: list[int | None] = list(frames) if is_animated(prim, lit) else [None]
     return [
         OccluderEntry(
             prim_path=str(prim.GetPath()),
@@ -60,54 +61,36 @@ def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the occluders of a dataset except poses; `wrong` holds the prims with wrong values."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
-    seen = [prim for prim in seen_meshes(root) if prim.GetPath() not in wrong]
-    yield from _check_size(root, seen)
-    for prim in seen:
-        if prim in meshes:
-            message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
-            hint = "targets hide each other and themselves without being named"
-            yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
-        else:
-            yield from _check_shape(prim, frame_numbers(root))
-
-
-def _check_size(root: Usd.Prim, prims: Sequence[Usd.Prim]) -> Iterator[Problem]:
-    """A problem if all shapes of all frames together are too many triangles."""
+    right = [[prim for prim in same if prim.GetPath() not in wrong] for same in seen_shapes(root)]
     frames, count = frame_numbers(root), 0
-    for prim in prims:
-        moments = frames if is_animated(prim, with_primvars=False) else [None]
-        count += sum(len(drawn(prim, moment).corners) for moment in moments)
+    for prim in [prim for same in right for prim in same if prim in meshes]:
+        message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
+        hint = "targets hide each other and themselves without being named"
+        yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
+    for same in filter(None, right):
+        shapes = [drawn(same[0], moment) for moment in (frames if is_animated(same[0]) else [None])]
+        count += len(same) * sum(len(shape.corners) for shape in shapes)
+        for flaw in dict.fromkeys(flaw for shape in shapes for flaw in shape.flaws):
+            yield from (not_drawn(prim, f"<{prim.GetPath()}>: {flaw}") for prim in same if prim not in meshes)
     yield from over_limit(root, "shapes", count, f"{count:,} triangles of all occluders, in all frames,")
 
 
-def _check_shape(prim: Usd.Prim, frames: Sequence[int]) -> Iterator[Problem]:
-    """Warnings of what a shape says that is not drawn."""
-    moments = frames if is_animated(prim, with_primvars=False) else [None]
-    for flaw in dict.fromkeys(flaw for moment in moments for flaw in drawn(prim, moment).flaws):
-        yield not_drawn(prim, f"<{prim.GetPath()}>: {flaw}")
-
-
-def check_outside_lens(
-    camera: Usd.Prim, occluders: list[Usd.Prim], root: Usd.Prim, frames: tuple[int, ...]
-) -> Iterator[Problem]:
+def check_outside_lens(camera: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
     """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
-    if not occluders:
+    if not (shapes := seen_shapes(root)):
         return
     ends_mm, radius_mm = body_of(prescription_of(camera))
     lens_mm, scale_mm = np.array([[0.0, 0.0, end] for end in ends_mm]), stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
-    for occluder in occluders:
-        changes = is_animated(occluder, with_primvars=False)
-        poses = product(vision_from_world, world_from(occluder, frames, scale_mm))
-        for number, pose in zip(frames, poses, strict=True):
-            at = number if changes else None
-            shape = read_occluder(occluder, at) if len(drawn(occluder, at).corners) else None
-            if (
-                shape
-                and shape.may_reach(pose, lens_mm, radius_mm)
-                and is_visible(occluder, float(number))
-                and meets_lens(apply(pose, shape.vertices_mm)[shape.triangles], ends_mm, radius_mm)
-            ):
+    for same, (index, number) in itertools.product(shapes, enumerate(frames)):
+        at = number if is_animated(same[0]) else None
+        if not len(drawn(same[0], at).corners):
+            continue
+        world, shape = [world_from(each, frames, scale_mm)[index] for each in same], read_occluder(same[0], at)
+        poses = product(vision_from_world[index], np.array(world))
+        for which in np.flatnonzero(shape.may_reach(poses, lens_mm, radius_mm)):
+            occluder, corners_mm = same[which], apply(poses[which], shape.vertices_mm)[shape.triangles]
+            if is_visible(occluder, float(number)) and meets_lens(corners_mm, ends_mm, radius_mm):
                 message = (
                     f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'
                     f" {number}, z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"

@@ -76,14 +76,15 @@ def read_pictures(stage: Usd.Stage) -> dict[Sdf.Path, PictureEntry]:
 
 def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
     """Attributes of a prim, or behind one of a texture, that name pictures, used or not, with the colour space."""
-    if is_in_preview(prim):
+    is_shader, is_light = prim.IsA(UsdShade.Shader), prim.HasAPI(UsdLux.LightAPI)
+    if not (is_shader or is_light) or is_in_preview(prim):
         return []  # in no image
-    if prim.IsA(UsdShade.Shader) and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
+    if is_shader and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
         given = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
         files, spaces = (each.GetValueProducingAttributes() if each else [] for each in given)
         space = str(first_of(spaces[0]) or "auto") if spaces else "auto"
         return [(files[0], space)] if files and is_picture(files[0]) else []
-    file = prim.GetAttribute("inputs:texture:file") if prim.HasAPI(UsdLux.LightAPI) else None
+    file = prim.GetAttribute("inputs:texture:file") if is_light else None
     return [(file, "auto")] if file and is_picture(file) else []
 
 

@@ -18,7 +18,7 @@ from pipeline.scene.pictures import read_pictures
 from pipeline.scene.shutters import check_motions, motions_before
 from pipeline.scene.states import read_states
 from pipeline.scene.targets import is_preview, read_target_entry
-from pipeline.scene.usd.meshes import is_drawn
+from pipeline.scene.usd.meshes import alike, is_drawn
 from pipeline.scene.usd.poses import (
     LAST_FRAME,
     camera_from_world,
@@ -243,23 +243,24 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     """One warning per type of prim that viewers show, without effect on images of a dataset."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-    relationships = [
-        rel for prim in prims for rel in prim.GetAuthoredRelationships() if rel.GetNamespace().split(":")[0] == "plen"
-    ]
-    named = {path for relationship in relationships for path in target_paths(relationship)}
-    named |= {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
+    named = {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
     unheard: dict[str, list[Usd.Attribute]] = {}
-    for prim in prims:
-        for attribute in prim.GetAuthoredAttributes():
+    for same in alike(prims):
+        names = [rel.GetName() for rel in same[0].GetAuthoredRelationships() if rel.GetName().startswith("plen:")]
+        named |= {path for prim in same for name in names for path in target_paths(prim.GetRelationship(name))}
+        for attribute in same[0].GetAuthoredAttributes():
             if instead := _unheard(attribute):
-                unheard.setdefault(instead, []).append(attribute)
+                unheard.setdefault(instead, []).extend(prim.GetAttribute(attribute.GetName()) for prim in same)
+    for prim in prims:
+        if prim.GetPath() in named and is_drawn(prim):
+            continue
         if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
             continue
         if not is_drawn(prim):
             message = f"<{prim.GetPath()}> is not drawn: no image and no truth has a {prim.GetTypeName()}"
             yield not_drawn(prim, message, hint=f"make it a Mesh; {_AIDS}")
-        elif prim.GetPath() not in named:
+        else:
             kinds.setdefault(prim.GetTypeName(), []).append(prim)
     for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
         message = f"{kind} {_listed(unnamed)} is in no image: no relationship names it"

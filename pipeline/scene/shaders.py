@@ -7,7 +7,7 @@ renderer could use is an error.
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 from pxr import Sdr, Usd, UsdGeom, UsdShade
@@ -16,7 +16,7 @@ from pipeline.render.lighting.records import Input, Material, Numbers, Texture
 from pipeline.scene.glass import read_glass
 from pipeline.scene.lamps import is_mesh_light, mesh_light
 from pipeline.scene.pictures import file_attribute, first_of, name_of, picture_of
-from pipeline.scene.usd.meshes import drawn
+from pipeline.scene.usd.meshes import drawn, look
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
 from pipeline.targets.mesh import is_closed
@@ -67,9 +67,10 @@ class Shaded(NamedTuple):
     material: Material
     primvars: tuple[Wanted, ...] = ()
     flaws: tuple[Problem, ...] = ()
+    is_own_opacity: bool = False  # light passes by the display opacity of a shape
 
 
-@read_once
+@partial(read_once, named=look)
 def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     """Materials of a shape, the first that of all its faces, and which one the faces of its subsets have."""
     shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
@@ -81,8 +82,7 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
             what = "the faces of a subset are animated, and which material a face has is not: the first ones count"
             each = each._replace(flaws=(*each.flaws, not_drawn(faces, what)))
         shaded.append(each)
-    if is_mesh_light(mesh):
-        shaded = [_as_light(each, mesh) for each in shaded]
+    shaded = [_as_light(each, mesh) for each in shaded] if is_mesh_light(mesh) else shaded
     return shaded, of_face
 
 
@@ -120,7 +120,7 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
         what = f"<{mesh.GetPath()}> is of glass and does not close a volume: it is drawn as panes, which bend no light"
         yield not_drawn(mesh, what, "close the mesh, with all faces turned to the same side, for glass that refracts")
     for each in shaded:
-        yield from each.flaws
+        yield from (*each.flaws, *[_seen_through(mesh)] * each.is_own_opacity)
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
         if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _PLACE):
             what = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
@@ -173,8 +173,8 @@ def _display_colours(mesh: Usd.Prim) -> Shaded:
             inputs.append(Input(value=wanted.fallback, primvar=wanted.name))
             primvars.append(wanted)
     colour, opacity = inputs
-    flaws = [_seen_through(mesh)] if opacity.primvar or min(opacity.value) < 1 else []
-    return Shaded(Material(diffuse_color=colour, opacity=opacity, ior=1.0), tuple(primvars), tuple(flaws))
+    is_clear = bool(opacity.primvar) or min(opacity.value) < 1
+    return Shaded(Material(diffuse_color=colour, opacity=opacity, ior=1.0), tuple(primvars), is_own_opacity=is_clear)
 
 
 def read_material(material: UsdShade.Material) -> Shaded:

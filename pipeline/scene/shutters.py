@@ -202,7 +202,7 @@ def check_motions(
                 starts, stops = zip(*spans, strict=True)
                 yield from _standing(link, min(starts), max(stops), (numbers, opens, ends))
         for prim in things:
-            if prim.IsA(UsdGeom.Gprim) and is_animated(prim, with_primvars=False):
+            if prim.IsA(UsdGeom.Gprim) and is_animated(prim):
                 message = (
                     f"<{prim.GetPath()}> changes its shape, and keeps that of the time code while a shutter is open"
                 )

@@ -213,7 +213,7 @@ def surroundings(
     if before:
         ends = np.array([points.mean(axis=0) for points in before])
         wide = max(np.linalg.norm(points - end, axis=1).max() for points, end in zip(before, ends, strict=True))
-        occluders = [(thing, pose) for thing, pose in occluders if thing.may_reach(pose, ends, wide)]
+        occluders = [(thing, pose) for thing, pose in occluders if thing.may_reach(pose[None], ends, wide)[0]]
     return Surroundings(targets, occluders)
 
 

@@ -1,6 +1,5 @@
 """Meshes: targets of any known shape with marked points, and occluders that may be in front of a target."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -8,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pipeline.records.plain import ByContent
-from pipeline.records.shapes import Float64, Int64
+from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.points import TargetPoints, frames_at
@@ -67,13 +66,15 @@ class Occluder(ByContent):
         return centre, float(np.linalg.norm(self.vertices_mm - centre, axis=1).max())
 
     def may_reach(
-        self, pose: Float64[np.ndarray, "4 4"], ends_mm: Float64[np.ndarray, "2 3"], distance_mm: float
-    ) -> bool:
-        """Whether the mesh, in any affine pose, may be as near as that to the segment between two points, (2, 3)."""
+        self, poses: Float64[np.ndarray, "n 4 4"], ends_mm: Float64[np.ndarray, "2 3"], distance_mm: float
+    ) -> Bool[np.ndarray, "n"]:
+        """Whether the mesh, in affine poses, may be as near as that to the segment between two points, (2, 3)."""
         (centre, radius), (start, end) = self._ball_mm, ends_mm
-        off, way = pose[:3, :3] @ centre + pose[:3, 3] - start, end - start
-        share = min(max(off @ way / max(way @ way, np.finfo(float).tiny), 0.0), 1.0)
-        return math.dist(off, share * way) <= distance_mm + radius * float(np.linalg.norm(pose[:3, :3]))
+        off, way = poses[:, :3, :3] @ centre + poses[:, :3, 3] - start, end - start
+        share = np.clip(off @ way / max(way @ way, np.finfo(float).tiny), 0.0, 1.0)
+        apart = np.linalg.norm(off - share[:, None] * way, axis=1)
+        reach: np.ndarray = apart <= distance_mm + radius * np.linalg.norm(poses[:, :3, :3], axis=(1, 2))
+        return reach
 
     def is_closed(self) -> bool:
         """Whether its triangles close a volume."""

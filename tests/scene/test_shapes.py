@@ -1,5 +1,6 @@
 """Shapes of scenes made elsewhere: what is drawn of meshes, solids, instancers and skeletons, in each frame."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
 from pipeline.render.lighting import lit_scene
+from pipeline.scene import materials, shaders
 from pipeline.scene.load import load
 from pipeline.scene.usd import meshes, subdivided
 from pipeline.scene.usd.meshes import drawn, is_animated
@@ -76,25 +78,81 @@ def test_a_build_refines_a_mesh_once_and_its_channels_share_the_triangles(tmp_pa
     assert (len(refined), len(trees)) == (1, 1)
 
 
-@pytest.mark.parametrize("kind", ["PointInstancer", "instances"])
+KINDS = ("PointInstancer", "instances", "references")
+
+
+def many(kind: str, count: int, ball: str = "", more: str = "") -> str:
+    """A ball in many places, with something in it, and something more in the place before the last one."""
+    places = [f"({k}, 0, 0)" for k in range(count)]
+    one = f'Xform "One"\n{{\ndef Sphere "Ball"\n{{\n{ball}\n}}\n}}\n'
+    if kind == "PointInstancer":
+        two = f'def "Two" (\nreferences = </Scene/Things/Many/One>\n)\n{{\n{more}\n}}\n' if more else ""
+        prototypes, which = "</Scene/Things/Many/Two>, </Scene/Things/Many/One>", [1] * (count - 1) + [0]
+        return (
+            f'def PointInstancer "Many"\n{{\nrel prototypes = [{prototypes if two else prototypes.split(", ")[1]}]\n'
+            f"int[] protoIndices = {which if two else [0] * count}\npoint3f[] positions = [{', '.join(places)}]\n"
+            f"def {one}{two}}}\n"
+        )
+    at, is_shared = (
+        'double3 xformOp:translate = {}\nuniform token[] xformOpOrder = ["xformOp:translate"]',
+        kind == "instances",
+    )
+    own = (
+        f'def "I{k}" (\ninstanceable = {"true" if is_shared else "false"}\nreferences = </Scene/Things/One>\n)\n'
+        f"{{\n{at.format(place)}\n{more * (k == count - 2)}\n}}\n"
+        for k, place in enumerate(places)
+    )
+    return f"class {one}{''.join(own)}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_instances_share_one_tessellation(kind: str, tmp_path, monkeypatch):
     made_once = counted(monkeypatch, meshes, "_of_solid")
-    places = [f"({k}, 0, 0)" for k in range(20)]
-    ball = 'def Xform "One"\n{\ndef Sphere "Ball"\n{\n}\n}\n'
-    many = (
-        f'def PointInstancer "Many"\n{{\nrel prototypes = </Scene/Things/Many/One>\nint[] protoIndices = {[0] * 20}\n'
-        f"point3f[] positions = [{', '.join(places)}]\n{ball}}}\n"
-    )
-    if kind == "instances":
-        at = 'double3 xformOp:translate = {}\nuniform token[] xformOpOrder = ["xformOp:translate"]'
-        own = (
-            f'def "I{k}" (\ninstanceable = true\nreferences = </Scene/Things/One>\n)\n{{\n{at.format(place)}\n}}\n'
-            for k, place in enumerate(places)
-        )
-        many = ball.replace("def Xform", "class Xform") + "".join(own)
-    loaded = load(scene(tmp_path, many, lit=True), look=True)
+    loaded = load(scene(tmp_path, many(kind, 20), lit=True), look=True)
     assert loaded.errors == [] and len(loaded.dataset.occluders) == 20 and len(made_once) == 1
     assert len({id(entry.occluder.vertices_mm) for entry in loaded.dataset.occluders}) == 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_instances_share_is_checked_once_and_a_further_one_takes_few_calls(kind: str, tmp_path, monkeypatch):
+    """Calls are counted, as time would be another on each machine. A further one took 530 to 600."""
+    shared, calls, numbers = counted(monkeypatch, shaders, "_shade"), [], []
+    monkeypatch.setattr(materials, "remarks_on", lambda prim: shared.append(prim) or [])
+    for count in (5, 25):
+        stage, made = scene(tmp_path, many(kind, count), lit=True), []
+        load(stage, look=True)
+        shared.clear()
+        sys.setprofile(lambda _, event, __, made=made: made.append(event) if event == "call" else None)
+        loaded = load(stage, look=True)
+        sys.setprofile(None)
+        assert loaded.problems == [] and len(loaded.dataset.occluders) == count
+        numbers.append(len(shared))
+        calls.append(len(made))
+    assert numbers == [2, 2] and (calls[1] - calls[0]) / 20 < 300
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_mistake_in_what_instances_share_is_named_once(kind: str, tmp_path):
+    stage = scene(tmp_path, many(kind, 6, "double radius = nan"))
+    [problem] = load(stage, look=True).problems
+    line = 1 + stage.read_text().splitlines().index("double radius = nan")
+    assert (problem.code, problem.line, problem.severity) == ("not-finite", line, "error")
+
+
+@pytest.mark.parametrize("kind", ("PointInstancer", "references"))
+def test_what_one_of_many_says_itself_is_checked_and_drawn(kind: str, tmp_path):
+    for radius, codes in (("-inf", ["not-finite"]), ("2", [])):
+        own = f'over "Ball"\n{{\ndouble radius = {radius}\ncolor3f[] primvars:displayColor = [(1, 0, 0)]\n}}'
+        stage = scene(tmp_path, many(kind, 6, more=own), lit=True)
+        loaded = load(stage, look=True)
+        assert [problem.code for problem in loaded.problems] == codes
+        lines = [1 + stage.read_text().splitlines().index(f"double radius = {radius}")] if codes else []
+        assert [problem.line for problem in loaded.problems] == lines
+    looks = [
+        (round(np.ptp(entry.occluder.vertices_mm[:, 0])), entry.finish.materials[0].diffuse_color.value)
+        for entry in loaded.dataset.occluders
+    ]
+    assert len(looks) == 6 and looks.count((4, (1.0, 0.0, 0.0))) == 1 and len(set(looks)) == 2
 
 
 def test_a_scheme_that_is_a_sample_counts():
@@ -636,5 +694,5 @@ def test_an_animated_radius_is_that_of_the_frame():
     ball = UsdGeom.Sphere.Define(stage, "/Ball")
     for time in (1.0, 2.0):
         ball.GetRadiusAttr().Set(3 * time, time)
-    assert is_animated(ball.GetPrim(), with_primvars=False)
+    assert is_animated(ball.GetPrim())
     assert [np.abs(drawn(ball.GetPrim(), time).points).max() for time in (1.0, 2.0)] == [3.0, 6.0]

@@ -8,7 +8,7 @@ from pxr import Usd
 from pipeline.limits import MOST_SAMPLES
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.scene.materials import seen_meshes
+from pipeline.scene.materials import seen_shapes
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit, warning
 from pipeline.scene.usd.values import read, target, targets
@@ -28,7 +28,7 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
     meshes = []
     if prim.IsA("PlenDataset"):
         yield from _check_frames(prim)
-        meshes = seen_meshes(prim)
+        meshes = [same[0] for same in seen_shapes(prim)]
     elif prim.IsA("PlenTarget"):
         yield from _check_points(prim)
         meshes = targets(prim, "plen:mesh", "Mesh")

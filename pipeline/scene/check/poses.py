@@ -55,9 +55,9 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     windows = list(dict.fromkeys(prim for camera in cameras for prim in targets(camera, WINDOWS, "PlenWindow")))
     rigid = [*cameras, *boards, *windows]
     occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    moved = list(dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim) if specs(link)))
+    moved = dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim))
     exact = {link for prim in rigid for link in ancestry(prim)}
-    problems = [bad for link in moved for bad in _check_link(link, frames, is_exact=link in exact)]
+    problems = [bad for link in moved if specs(link) for bad in _check_link(link, frames, is_exact=link in exact)]
     if not any(bad.is_error for bad in problems):
         problems += [bad for prim in rigid for bad in _check_rigid(prim, frames)]
     yield from problems
@@ -66,7 +66,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
         shapes = [np.concatenate([apply(patch.target_from_patch, patch.mesh()) for patch in each]) for each in patches]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, shapes, root, frames)
-            yield from check_outside_lens(camera, occluders, root, frames)
+            yield from check_outside_lens(camera, root, frames)
             yield from check_standing(camera, boards, shapes, frames)
 
 

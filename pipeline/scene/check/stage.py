@@ -27,8 +27,8 @@ from pipeline.scene.states import changes, check_held, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
-from pipeline.scene.usd.meshes import likeness
-from pipeline.scene.usd.others import Others, layers_of_others
+from pipeline.scene.usd.meshes import alike, likeness
+from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
@@ -89,11 +89,10 @@ _MOST_NAMES = 4
 """Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
-def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
+def check(stage: Usd.Stage, roots: list[Path], others: Others) -> list[Problem]:
     """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
     if outside := _check_used(stage, roots):
         return outside
-    others = Others(stage)
     problems = [*_check_layers(stage, others), *_check_assets(stage, roots, others)]
     prims = list[Usd.Prim]()
     everything = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
@@ -114,21 +113,22 @@ def check(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
         right |= set() if of_prim else {said}
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
-    if over := [problem for prim in _parts(prims) for problem in check_budgets(prim)]:
+    parts = _parts(prims)
+    if over := [problem for prim in parts for problem in check_budgets(prim)]:
         return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
-    codes = _codes(stage, _parts(prims))
-    for prim in _parts(prims):
+    codes = _codes(stage, parts)
+    for prim in parts:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
             with at_code(code):
                 problems += _check_whole(prim, wrong)
         problems += check_held(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
-    problems += check_unnamed_windows(_parts(prims), list(filter(is_camera, _parts(prims))))
+    problems += check_unnamed_windows(parts, list(filter(is_camera, parts)))
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
         problems += others.settled(check_dataset(root, wrong))
     if not any(problem.is_error for problem in problems):
         # The further checks compute with values that have passed the checks so far.
-        for prim in _parts(prims):
+        for prim in parts:
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
             for code in codes if is_camera(prim) else ():
                 with at_code(code):
@@ -175,8 +175,8 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
 
 def _check_prim(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
-    name, typed = prim.GetTypeName(), saying(prim, "typeName")
-    if typed and not prim.GetPrimTypeInfo().GetSchemaTypeName() and not FOR_NO_IMAGE.match(name):
+    name, is_known = prim.GetTypeName(), prim.GetPrimTypeInfo().GetSchemaTypeName()
+    if not is_known and not FOR_NO_IMAGE.match(name) and (typed := saying(prim, "typeName")):
         hint = did_you_mean(name, known_types("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         is_strange = not hint and not name.startswith("Plen")
         severity = "warning" if is_strange or typed[0].layer in others.layers else "error"
@@ -208,6 +208,8 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
             hint = did_you_mean(name, [other for other in prim.GetPropertyNames() if is_op(prim, other)])
             yield problem(order, "missing-xform-op", f'xformOpOrder names "{name}", which is no operation', hint=hint)
     ops = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("xformOp:")]
+    if all(op.GetName() in named for op in ops):
+        return
     # A stronger order leaves out what a weaker file moves, as USD intends.
     strongest = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118
     decided = strongest.get("xformOpOrder", len(strongest))
@@ -228,6 +230,8 @@ def _rank(op: str) -> int:
 
 
 def _check_variants(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
+    if not prim.HasAuthoredMetadata("variantSelection"):
+        return
     sets, stack = prim.GetVariantSets(), specs(prim)
     for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
         spec = next((spec for spec in stack if name in spec.variantSelections), stack[0])
@@ -267,11 +271,10 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
-def check_numbers(stage: Usd.Stage) -> Iterator[Problem]:
+def check_numbers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
     """Problems of units and times of layers; of others only rates: by one of NaN USD scales samples without end."""
-    others = layers_of_others(stage)
     for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
-        value = _info(layer, key, None) if layer not in others or key.endswith("PerSecond") else None
+        value = _info(layer, key, None) if layer not in others.layers or key.endswith("PerSecond") else None
         if value is not None and not span.holds(value):
             yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
 
@@ -376,7 +379,7 @@ def _check_assets(stage: Usd.Stage, roots: list[Path], others: Others) -> Iterat
             is_ours = not others.wrote(attribute)
             yield of_reader(attribute, error) if is_ours else others.without_picture(prim, error)
     read = {attribute for _, attribute in pictures}
-    for attribute in (attribute for prim in prims for attribute in prim.GetAuthoredAttributes()):
+    for attribute in (attribute for first, *_ in alike(prims) for attribute in first.GetAuthoredAttributes()):
         prim = attribute.GetPrim()
         if not issubclass(type(attribute.GetTypeName().defaultValue), Sdf.AssetPath | Sdf.AssetPathArray):
             continue

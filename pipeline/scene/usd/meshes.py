@@ -3,13 +3,14 @@
 What a shape says wrongly never refuses a dataset: it is drawn as far as it can be, and `Drawn.flaws` says how.
 """
 
-from collections.abc import Callable, Hashable
+import itertools
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.values import numbers, read, read_once, take
@@ -111,7 +112,37 @@ def likeness(prim: Usd.Prim) -> Hashable:
     """Type and opinions of a prim, but for its place: if these are the same, the shape is, too."""
     opinions = prim.GetPrimStack()
     telling = [spec for spec in opinions if any(not name.startswith(_PLACES) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
-    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *((spec.layer.identifier, spec.path) for spec in telling)
+    said = ((spec.layer.identifier, spec.path) for spec in telling)
+    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *said, _clipped(prim)
+
+
+@read_once
+def _clipped(prim: Usd.Prim) -> Sdf.Path | None:
+    """Path of a prim or of what is above it that has value clips, which no opinion shows."""
+    return prim.GetPath() if prim.HasAuthoredMetadata("clips") else prim.GetParent() and _clipped(prim.GetParent())
+
+
+@read_once
+def likeness_with_above(prim: Usd.Prim) -> Hashable:
+    """Likeness of a prim and of all above it, from which it may inherit primvars."""
+    return (likeness(prim), likeness_with_above(prim.GetParent())) if prim.GetParent() else ()
+
+
+@read_once
+def look(mesh: Usd.Prim) -> Hashable:
+    """The name of what a shape looks like: all that it says and inherits, and which materials are bound to what."""
+    parts = [mesh, *(child for child in mesh.GetChildren() if child.IsA(UsdGeom.Subset))]
+    apis, purposes = map(UsdShade.MaterialBindingAPI, parts), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
+    bound = (api.ComputeBoundMaterial(purpose)[0] for api, purpose in itertools.product(apis, purposes))
+    return likeness_with_above(mesh), *map(likeness, parts[1:]), *(each.GetPath() for each in bound)
+
+
+def alike(prims: Iterable[Usd.Prim], named: Callable[[Usd.Prim], Hashable] = likeness) -> list[list[Usd.Prim]]:
+    """Prims that have the same name, as instances have, in their order: what is true of the first one is of all."""
+    kinds = dict[Hashable, list[Usd.Prim]]()
+    for prim in prims:
+        kinds.setdefault(named(prim), []).append(prim)
+    return list(kinds.values())
 
 
 def of_prim(prim: Usd.Prim, time: float | None = None) -> Hashable:
@@ -123,7 +154,8 @@ def is_drawn(prim: Usd.Prim) -> bool:
     return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in _SOLIDS
 
 
-def is_animated(prim: Usd.Prim, *, with_primvars: bool) -> bool:
+@partial(read_once, named=lambda prim, *looks: (likeness_with_above(prim), *looks))
+def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
     """Whether the shape of a prim changes with time, or with primvars anything on it, inherited or not."""
     solid = _SOLIDS.get(str(prim.GetTypeName()))
     names = {"points", *TOPOLOGY} if solid is None else set(solid[1])

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
-from pipeline.scene.usd.others import layers_of_others
+from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.usd.roots import library_path, real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
+from pipeline.scene.usd.values import read_once
 from pipeline.spelling import nearest
 
 _SYNTAX = re.compile(
@@ -171,23 +172,24 @@ def write_out_instances(stage: Usd.Stage) -> None:
                 Sdf.CreatePrimInLayer(stage.GetSessionLayer(), path).instanceable = False
 
 
+@read_once
 def instance_of(prim: Usd.Prim) -> str:
     """Path of the outermost instance to which a prim belongs, or belonged until it was written out; empty: none."""
     # Of what was written out layers still say whether it is instanceable, and so do copies of the composed stage.
-    prims = map(prim.GetStage().GetPrimAtPath, prim.GetPath().GetPrefixes())
-    above = [each.GetPath() for each in prims if each.HasAuthoredInstanceable()]
-    return str(above[0]) if above else ""
+    above = instance_of(prim.GetParent()) if prim.GetParent() else ""
+    return above or (str(prim.GetPath()) if prim.HasAuthoredInstanceable() else "")
 
 
-def check_instances(stage: Usd.Stage) -> list[Problem]:
-    """Write the instances out, and report opinions on prims below them, which USD ignores. Afterwards these opinions
-    count, so such a stage must not be read.
+def check_instances(stage: Usd.Stage) -> tuple[list[Problem], Others]:
+    """Write the instances out, and report opinions on prims below them, which USD ignores, and the layers of others.
+
+    Afterwards these opinions count, so such a stage must not be read.
     """
     everything = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    problems, others = [], layers_of_others(stage)
+    problems, others = [], Others(stage)
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}
@@ -196,12 +198,14 @@ def check_instances(stage: Usd.Stage) -> list[Problem]:
             spec
             for path, specs in below.items()
             for spec in specs
-            if path != top and spec.layer not in {stage.GetSessionLayer(), *others} and spec not in before.get(path, [])
+            if path != top
+            and spec.layer not in {stage.GetSessionLayer(), *others.layers}
+            and spec not in before.get(path, [])
         ]
         if ignored:
             problems.append(_below_instance(top, ignored))
         before |= below
-    return problems[::-1]
+    return problems[::-1], others
 
 
 def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:

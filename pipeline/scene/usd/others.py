@@ -7,13 +7,14 @@ that everything behind sees a stage without it. Sublayers of the stage are its o
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import chain
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.scene.usd.poses import is_op
 from pipeline.scene.usd.problems import Problem, at_opinion, saying, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, forget, read_once
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, forget
 
 _SILENT = (
     *("api-not-applicable", "no-pose-sample", "over-without-def", "text", "uniform-animated", "unknown-api"),
@@ -33,11 +34,13 @@ _INSTEAD = {
 """Codes of what else is a warning, or their beginnings, and what is done instead."""
 
 
-@read_once
-def layers_of_others(stage: Usd.Stage) -> frozenset[Sdf.Layer]:
+def _layers_of_others(stage: Usd.Stage) -> frozenset[Sdf.Layer]:
     """Layers that are neither the stage's own nor any of its sublayers, and define nothing of ours."""
     layers = set(used_layers(stage)).difference(stage.GetLayerStack())
-    for prim in Usd.PrimRange(stage.GetPseudoRoot(), Usd.PrimAllPrimsPredicate) if layers else ():
+    tops = [stage.GetPseudoRoot(), *stage.GetPrototypes()]  # a prototype is seen once, however many instances it has
+    for prim in chain.from_iterable(Usd.PrimRange(top, Usd.PrimAllPrimsPredicate) for top in tops):
+        if not layers:
+            break
         layers -= {spec.layer for spec in prim.GetPrimStack() if spec.layer in layers and _is_ours(spec)}
     return frozenset(layers)
 
@@ -52,7 +55,7 @@ class Others:
     """The layers of others of a stage, and what becomes of problems in them."""
 
     def __init__(self, stage: Usd.Stage) -> None:
-        self._stage, self.layers = stage, layers_of_others(stage)
+        self._stage, self.layers = stage, _layers_of_others(stage)
         self._files = {shown_path(layer.realPath) for layer in self.layers}
 
     def wrote(self, thing: Usd.Prim | Usd.Property) -> bool:

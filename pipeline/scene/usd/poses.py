@@ -52,14 +52,17 @@ def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:
 
 def is_visible(prim: Usd.Prim, time: float) -> bool:
     """Whether USD shows a prim in a frame."""
-    take(*(path.AppendProperty("visibility") for path in prim.GetPath().GetPrefixes()))
+    comes_and_goes(prim)  # takes what it depends on
     return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
 
 
+@read_once
 def comes_and_goes(prim: Usd.Prim) -> bool:
     """Whether a prim may be visible in some frames and invisible in others."""
-    above = (prim.GetStage().GetPrimAtPath(path) for path in prim.GetPath().GetPrefixes())
-    return any(link.GetAttribute("visibility").ValueMightBeTimeVarying() for link in above)
+    if prim.IsPseudoRoot():
+        return False
+    take(prim.GetPath().AppendProperty("visibility"))
+    return comes_and_goes(prim.GetParent()) or prim.GetAttribute("visibility").ValueMightBeTimeVarying()
 
 
 @partial(read_once, named=lambda prim, times, *more: (prim, tuple(times), *more))
@@ -70,15 +73,18 @@ def world_from(prim: Usd.Prim, times: Times, mm_per_unit: float, below: Usd.Prim
     """
     world_from_prim = np.eye(4)
     for link in itertools.takewhile(lambda link: link != below, ancestry(prim)):
-        world_from_prim = product(_parent_from(link, tuple(times), mm_per_unit), world_from_prim)
+        if (parent_from_link := _parent_from(link, tuple(times), mm_per_unit)) is not None:
+            world_from_prim = product(parent_from_link, world_from_prim)
     return np.broadcast_to(world_from_prim, (len(times), 4, 4))
 
 
 @read_once
-def _parent_from(link: Usd.Prim, times: tuple[float, ...], mm_per_unit: float) -> np.ndarray:
-    """A prim's own transform at times, (n, 4, 4), or (4, 4) if it does not move."""
+def _parent_from(link: Usd.Prim, times: tuple[float, ...], mm_per_unit: float) -> np.ndarray | None:
+    """A prim's own transform at times, (n, 4, 4), or (4, 4) if it does not move; None if it has none."""
+    if not (ops := xform_ops(link)):
+        return None
     parent_from_link = np.eye(4)
-    for op in xform_ops(link):
+    for op in ops:
         asked = times if op.MightBeTimeVarying() else times[:1]
         moved = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in asked])
         parent_from_link = product(parent_from_link, moved)

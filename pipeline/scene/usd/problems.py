@@ -207,11 +207,11 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
 
 
 def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
-    """Problems; of warnings that a line of a file gives for many instances, which only paths tell apart, the first."""
+    """Problems; of those that a line of a file gives for many instances, which only paths tell apart, the first."""
     alike = dict[object, list[Problem]]()
     for each in problems:
         words = re.sub(r"<[^>]*/([^/>]+)>", r"<\1>", each.message)
-        key = each if each.is_error or not each.file else (each.code, each.file, each.line, words)
+        key = (each.code, each.severity, each.file, each.line, words) if each.file else each
         alike.setdefault(key, []).append(each)
     for first, *more in alike.values():
         places = len({each.at for each in more} - {first.at})

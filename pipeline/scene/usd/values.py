@@ -60,11 +60,6 @@ def code_now() -> float:
     return _CODE.get()
 
 
-def taking() -> AbstractContextManager[set[str]]:
-    """Context that collects the paths of the properties from which readers take values, and of whole prims."""
-    return having(_TAKEN, set[str]())
-
-
 def take(*paths: str | Sdf.Path) -> None:
     """Note that the record that is being read takes values from these properties, or from whole prims."""
     if (taken := _TAKEN.get()) is not None:
@@ -76,13 +71,13 @@ class Sources(dict[str, set[str]]):
 
     def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
         """The answer of a reader, which is a part of the record."""
-        with taking() as taken:
+        with having(_TAKEN, set[str]()) as taken:
             answer = reader(*arguments)
         self.setdefault(part, set()).update(taken)
         return answer
 
 
-def read_once(reader: F, named: Callable[..., Hashable] = lambda *arguments: arguments) -> F:
+def read_once(reader: F, named: Callable[..., Hashable] | None = None) -> F:
     """Decorate a reader, which is asked again. `named`: what its answer depends on, by default all arguments."""
 
     @functools.wraps(reader)
@@ -90,15 +85,16 @@ def read_once(reader: F, named: Callable[..., Hashable] = lambda *arguments: arg
         answers = _ANSWERS.get()
         if answers is None:
             return reader(*arguments)
-        key = reader, _CODE.get(), named(*arguments)
-        if key not in answers:
-            with taking() as taken:
-                answer = reader(*arguments)
-            answers[key] = answer, taken
-        answer, taken = answers[key]
-        if (taking_all := _TAKEN.get()) is not None:
-            taking_all.update(taken)
-        return answer
+        key = reader, _CODE.get(), named(*arguments) if named else arguments
+        if (answered := answers.get(key)) is None:
+            token = _TAKEN.set(taken := set[str]())  # as `having`, which costs more than many readers
+            try:
+                answered = answers[key] = reader(*arguments), taken
+            finally:
+                _TAKEN.reset(token)
+        if answered[1] and (taking_all := _TAKEN.get()) is not None:
+            taking_all.update(answered[1])
+        return answered[0]
 
     return cast(F, asked)
 
