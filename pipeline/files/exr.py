@@ -5,22 +5,20 @@ The Python binding can lose data silently; this module prevents that:
 - It ignores strides: a transposed or flipped array would be written wrong. Every channel is copied to C order.
 - Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
 - It reports a full disk only in the text of a message.
-- It only warns when pixels cannot be decoded, drops the parts that a truncated file lacks, and gives whole files only.
-  Our files are therefore read here, by windows of rows; every part carries the CRC-32 of its content and the number of
-  parts, and what does not match is refused.
+- It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part carries the
+  CRC-32 of its content and the number of parts, and what does not match is refused.
 """
 
 import contextlib
 import errno
 import io
 import os
-import struct
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -39,19 +37,12 @@ _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 _IN_CALLING_THREAD = 0
 """Number of further threads that encode: more are not faster at our sizes, and workers share the machine."""
 
-MAGIC, MULTIPART = b"v/1\x01", 0x1000
-_CHANNEL = 16
-"""Bytes that follow the name of a channel: pixel type, flags, sampling."""
-_LONGEST = 1 << 20
-"""Longest header [bytes]: ours have a few hundred."""
-
 CRC, PART_COUNT = "content_crc32", "part_count"
 PRIMARIES_XY = "primaries_xy"
 """Attribute with x and y of red, green, blue and white; viewers look for it in `chromaticities`, single precision."""
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
-_REQUIRED = _STRUCTURE - {"chunkCount", "version", "view"} | _GEOMETRY
 RESERVED = _STRUCTURE | _GEOMETRY | {CRC, PART_COUNT, "chromaticities"}
 
 
@@ -101,18 +92,26 @@ def write_exr(path: str | Path, parts: list[Part]) -> None:
 
 def read_exr(path: str | Path) -> dict[str, Part]:
     """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if it is cut, altered or not of it."""
-    file, parts = ExrWindows(path), dict[str, Part]()
-    for name, header in file.headers.items():
-        channels = {channel: np.empty(header.shape, np.float32) for channel in header.channels}
-        for first in range(0, header.shape[0], TILE_PX):  # a file may be as large as half of the memory
-            for channel, pixels in file.rows(name, first, min(first + TILE_PX, header.shape[0])).items():
-                channels[channel][first : first + TILE_PX] = pixels
-        texts = header.texts
+    path, parts = Path(path), dict[str, Part]()
+    file = _opened(path)
+    for part in file.parts:
+        texts, name = _texts(part), part.header.get("name", "")
+        channels = {channel: np.asarray(content.pixels) for channel, content in part.channels.items()}
         attributes: dict[str, str | float | int] = {key: text for key, text in texts.items() if key not in RESERVED}
-        if _crc32(name, channels, attributes) != texts.get(CRC):
-            raise DamagedFile(Path(path), f'the content of part "{name}" does not match its checksum')
+        if texts.get(PART_COUNT) != str(len(file.parts)) or _crc32(name, channels, attributes) != texts.get(CRC):
+            raise DamagedFile(path, f'the content of part "{name}" does not match its checksum, or parts are missing')
         parts[name] = Part(name=name, channels=channels, attributes=attributes)
     return parts
+
+
+def texts_of(path: str | Path, part: str) -> dict[str, str]:
+    """Attributes of a part of a file of ours that are text."""
+    headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
+    return next(_texts(each) for each in headers.parts if each.header["name"] == part)
+
+
+def _texts(part: OpenEXR.Part) -> dict[str, str]:
+    return {name: value for name, value in part.header.items() if isinstance(value, str)}
 
 
 def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
@@ -120,29 +119,42 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
 
     Raises DamagedFile: it is no OpenEXR file, its size is implausible, or its channels differ in size.
     """
-    path = Path(path)
-    try:
-        headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
-        first, last = headers.parts[0].header["dataWindow"]
-        width, height = (int(side) for side in last.astype(np.int64) - first + 1)
-        if 4 * width * height > MAX_COMPRESSION_RATIO * path.stat().st_size:
-            raise DamagedFile(path, f"{width} x {height} pixels cannot come from so short a file")
-        require_few(sum(_values(part) for part in headers.parts))
-        with contextlib.redirect_stdout(io.StringIO()):  # of pixels that are damaged it prints warnings, and has none
-            file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
-        channels = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
-    except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError) as error:
-        raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
-    if any(pixels.shape != (height, width) for pixels in channels.values()):
+    file = _opened(Path(path), require_few)
+    channels = {name: np.asarray(content.pixels) for name, content in file.parts[0].channels.items()}
+    if len({pixels.shape for pixels in channels.values()}) > 1:
         raise DamagedFile(path, "its channels differ in size")
     return channels
 
 
+def _opened(path: Path, require_few: Callable[[int], None] = lambda values: None) -> OpenEXR.File:
+    """A file with the pixels of all parts; DamagedFile: it is none, is cut, or its size is implausible."""
+    with path.open("rb"):
+        pass  # a file that is not there is no damage
+    try:
+        headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
+        if 4 * sum(map(_values, headers.parts)) > MAX_COMPRESSION_RATIO * path.stat().st_size:
+            raise DamagedFile(path, "so many pixels cannot come from so short a file")
+        require_few(sum(map(_values, headers.parts)))
+        with contextlib.redirect_stdout(io.StringIO()):  # of pixels that are damaged it prints warnings, and has none
+            file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
+        if not file.parts or len(file.parts) != len(headers.parts):
+            raise DamagedFile(path, "parts are missing")
+        for part in file.parts:
+            first, last = part.header["dataWindow"]
+            width, height = (int(side) for side in last.astype(np.int64) - first + 1)
+            if any(np.shape(content.pixels) != (height, width) for content in part.channels.values()):
+                raise DamagedFile(path, "its pixels are damaged, or its channels differ in size")
+    except (RuntimeError, ValueError, TypeError, LookupError, ArithmeticError, MemoryError, AttributeError) as error:
+        raise DamagedFile(path, f"its header or its pixels are damaged ({error})") from error
+    return file
+
+
 def _values(part: OpenEXR.Part) -> int:
-    """Count of the numbers of a part, by its header."""
+    """Count of the numbers of a part, or of one of its tiles if these are larger, by its header."""
     first, last = part.header["dataWindow"]
-    extent = last.astype(np.int64) - first + 1
-    return len(part.header["channels"]) * int(extent[0]) * int(extent[1])
+    extent, tiles = last.astype(np.int64) - first + 1, part.header.get("tiles")
+    of_tile = tiles.xSize * tiles.ySize if tiles else 0
+    return len(part.header["channels"]) * max(int(extent[0]) * int(extent[1]), of_tile)
 
 
 def _encode(part: Part, display: tuple[int, int], part_count: int) -> OpenEXR.Part:
@@ -177,181 +189,3 @@ def _crc32(part_name: str, channels: dict[str, np.ndarray], attributes: dict[str
     for name, pixels in sorted(channels.items()):
         crc = zlib.crc32(np.ascontiguousarray(pixels).data, zlib.crc32(f"{name} {pixels.shape}".encode(), crc))
     return f"{crc:08x}"
-
-
-class UnknownLayout(ValueError):
-    """The bytes are not a file with this layout, or end too early."""
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """Header of a part: attributes by name, each with its type and value as bytes, in the order of the file."""
-
-    attributes: dict[str, tuple[str, bytes]]
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """Attributes that are text."""
-        return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
-
-    @property
-    def channels(self) -> list[str]:
-        """Names of the channels, in the order of the pixels."""
-        names, data = [], self._value("channels", "chlist")
-        while data and data[0]:
-            name, _, rest = data.partition(b"\0")
-            names.append(name.decode())
-            data = rest[_CHANNEL:]
-        return names
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width [px]."""
-        left, top, right, bottom = struct.unpack("<4i", self._value("dataWindow", "box2i"))
-        if not 0 <= right - left < 1 << 30 or not 0 <= bottom - top < 1 << 30:
-            raise UnknownLayout("a part without pixels")
-        return bottom - top + 1, right - left + 1
-
-    @property
-    def tile_px(self) -> int:
-        """Edge of its square tiles."""
-        across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
-        if across != down or not 0 < across <= 1 << 12:
-            raise UnknownLayout(f"tiles of {across} x {down} pixels")
-        return int(across)
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Rows and columns of tiles."""
-        height, width = self.shape
-        return -(-height // self.tile_px), -(-width // self.tile_px)
-
-    def having(self, **values: bytes) -> "Header":
-        """The same header with other values for some of its attributes."""
-        return Header({name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()})
-
-    def _value(self, name: str, kind: str) -> bytes:
-        stored, value = self.attributes.get(name, ("", b""))
-        if stored != kind:
-            raise UnknownLayout(f"no attribute {name} of type {kind}")
-        return value
-
-
-def read_headers(stream: BinaryIO) -> list[Header]:
-    """Headers of a file; afterwards the stream is at the tables of offsets."""
-    magic, version = stream.read(4), stream.read(4)
-    if magic != MAGIC or len(version) < 4:
-        raise UnknownLayout("not an OpenEXR file")
-    data = stream.read(_LONGEST)
-    many, taken = bool(struct.unpack("<I", version)[0] & MULTIPART), io.BytesIO(data)
-    headers = [_header(taken)]
-    while many and (following := _header(taken)).attributes:
-        headers.append(following)
-    stream.seek(8 + taken.tell())
-    return headers
-
-
-def _header(stream: io.BytesIO) -> Header:
-    attributes = {}
-    while name := _name(stream):
-        kind, size = _name(stream), struct.unpack("<i", _exactly(stream, 4))[0]
-        attributes[name.decode()] = kind.decode(), _exactly(stream, size)
-    return Header(attributes)
-
-
-def _name(stream: io.BytesIO) -> bytes:
-    name = bytearray()
-    while (byte := _exactly(stream, 1)) != b"\0":
-        name += byte
-    return bytes(name)
-
-
-def _exactly(stream: BinaryIO, size: int) -> bytes:
-    data = stream.read(size) if size >= 0 else b""
-    if size < 0 or len(data) < size:
-        raise UnknownLayout("the file ends too early")
-    return data
-
-
-def tile_at(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
-    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a file of one."""
-    stream.seek(offset)
-    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
-    column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
-    if stored_part != part or level != [0, 0]:
-        raise UnknownLayout("a tile of another part")
-    return (column, row), _exactly(stream, size)
-
-
-class ExrWindows:
-    """A file that `write_exr` or `write_bands` wrote, opened to read rows of its parts.
-
-    Of each part the rows of tiles that were read last are kept, so that overlapping windows decode a tile once. Every
-    tile carries a checksum of its own; that of the whole part is not looked at.
-
-    Raises DamagedFile: it is not of that layout, truncated, or a tile is damaged; also later, when rows are read.
-    """
-
-    def __init__(self, path: str | Path) -> None:
-        self._path = Path(path)
-        with self._path.open("rb") as stream:
-            try:
-                headers = read_headers(stream)
-                self.headers = {header.texts["name"]: header for header in headers}
-                sizes = [8 * header.grid[0] * header.grid[1] for header in headers]
-                room = os.fstat(stream.fileno()).st_size
-                known = all(header.channels and header.attributes.keys() >= _REQUIRED for header in headers)
-                counts = {header.texts[PART_COUNT] for header in headers}
-                if not known or counts != {str(len(headers))} or sum(sizes) > room:
-                    raise UnknownLayout("parts are missing")
-                self._tables = [
-                    np.frombuffer(stream.read(size), "<u8").reshape(header.grid)
-                    for size, header in zip(sizes, headers, strict=True)
-                ]
-                if any(table.max() > room for table in self._tables):
-                    raise UnknownLayout("tiles are missing")
-            except (ValueError, KeyError, struct.error) as error:
-                raise DamagedFile(self._path, f"not a readable OpenEXR file of this program ({error})") from error
-        self._decoded: dict[str, dict[int, np.ndarray]] = {}
-
-    def rows(self, name: str, first: int, end: int) -> dict[str, np.ndarray]:
-        """Channels of the rows [first, end) of a part, (end - first, w) float32 each."""
-        header = self.headers[name]
-        edge, kept = header.tile_px, self._decoded.get(name, {})
-        wanted = range(first // edge, (end - 1) // edge + 1)
-        self._decoded[name] = {row: kept[row] if row in kept else self._tiles(name, row) for row in wanted}
-        pixels = np.concatenate(list(self._decoded[name].values()), axis=1)[:, first - wanted[0] * edge :]
-        return dict(zip(header.channels, pixels[:, : end - first], strict=True))
-
-    def _tiles(self, name: str, row: int) -> np.ndarray:
-        """A row of tiles, (channels, h, w) float32."""
-        header, number = self.headers[name], list(self.headers).index(name)
-        (height, width), edge = header.shape, header.tile_px
-        result = np.empty((len(header.channels), min(edge, height - row * edge), width), np.float32)
-        with self._path.open("rb") as stream:
-            try:
-                for column, offset in enumerate(self._tables[number][row]):
-                    stored, data = tile_at(stream, int(offset), number if len(self.headers) > 1 else None)
-                    here = result[:, :, column * edge : (column + 1) * edge]
-                    if stored != (column, row):
-                        raise UnknownLayout("another tile")
-                    pixels = np.frombuffer(_pixels(data, here.nbytes), "<f4")
-                    here[:] = pixels.reshape(here.shape[1], here.shape[0], here.shape[2]).transpose(1, 0, 2)
-            except (ValueError, OverflowError, struct.error, zlib.error) as error:
-                raise DamagedFile(self._path, f'a tile of part "{name}" cannot be read ({error})') from error
-        return result
-
-
-def _pixels(data: bytes, size: int) -> np.ndarray:
-    """Bytes of a tile, from its chunk: as they are, or deflated differences of halves (`ZIP_COMPRESSION`)."""
-    if len(data) == size:
-        return np.frombuffer(data, np.uint8)
-    inflated = zlib.decompressobj().decompress(data, size + 1)
-    if len(inflated) != size:
-        raise UnknownLayout("a tile of another size")
-    differences = np.frombuffer(inflated, np.uint8).copy()
-    differences[1:] -= 128
-    halves = np.cumsum(differences, dtype=np.uint8)
-    result = np.empty(size, np.uint8)
-    result[0::2], result[1::2] = halves[: (size + 1) // 2], halves[(size + 1) // 2 :]
-    return result

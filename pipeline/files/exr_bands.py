@@ -9,6 +9,7 @@ OpenImageIO 3.2 writes bands, too, but the time of day into each header, so that
 referee.
 """
 
+import io
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -18,20 +19,11 @@ from typing import BinaryIO
 
 import numpy as np
 
-from pipeline.files.exr import (
-    CRC,
-    MAGIC,
-    MULTIPART,
-    RESERVED,
-    TILE_PX,
-    Header,
-    Part,
-    UnknownLayout,
-    read_headers,
-    tile_at,
-    write_exr,
-)
+from pipeline.files.exr import CRC, RESERVED, TILE_PX, Part, write_exr
 
+MAGIC, MULTIPART = b"v/1\x01", 0x1000
+_LONGEST = 1 << 20
+"""Longest header [bytes]: ours have a few hundred."""
 Rows = Callable[[int, int], np.ndarray]
 """First and end row to pixels (rows, w, channels), or (rows, w) of one channel."""
 _BAND_PX = 1 << 20
@@ -41,6 +33,100 @@ _PROBED_BYTES = 1 << 16
 """Size of a test write [bytes] that shows whether the disk is full."""
 _POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
 """x^32 less its remainder; x^0; x^8."""
+
+
+class UnknownLayout(ValueError):
+    """The bytes are not a file with this layout, or end too early."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Header of a part: attributes by name, each with its type and value as bytes, in the order of the file."""
+
+    attributes: dict[str, tuple[str, bytes]]
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """Attributes that are text."""
+        return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width [px]."""
+        left, top, right, bottom = struct.unpack("<4i", self._value("dataWindow", "box2i"))
+        if not 0 <= right - left < 1 << 30 or not 0 <= bottom - top < 1 << 30:
+            raise UnknownLayout("a part without pixels")
+        return bottom - top + 1, right - left + 1
+
+    @property
+    def tile_px(self) -> int:
+        """Edge of its square tiles."""
+        across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
+        if across != down or not 0 < across <= 1 << 12:
+            raise UnknownLayout(f"tiles of {across} x {down} pixels")
+        return int(across)
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of tiles."""
+        height, width = self.shape
+        return -(-height // self.tile_px), -(-width // self.tile_px)
+
+    def having(self, **values: bytes) -> "Header":
+        """The same header with other values for some of its attributes."""
+        return Header({name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()})
+
+    def _value(self, name: str, kind: str) -> bytes:
+        stored, value = self.attributes.get(name, ("", b""))
+        if stored != kind:
+            raise UnknownLayout(f"no attribute {name} of type {kind}")
+        return value
+
+
+def read_headers(stream: BinaryIO) -> list[Header]:
+    """Headers of a file; afterwards the stream is at the tables of offsets."""
+    magic, version = stream.read(4), stream.read(4)
+    if magic != MAGIC or len(version) < 4:
+        raise UnknownLayout("not an OpenEXR file")
+    data = stream.read(_LONGEST)
+    many, taken = bool(struct.unpack("<I", version)[0] & MULTIPART), io.BytesIO(data)
+    headers = [_header(taken)]
+    while many and (following := _header(taken)).attributes:
+        headers.append(following)
+    stream.seek(8 + taken.tell())
+    return headers
+
+
+def _header(stream: io.BytesIO) -> Header:
+    attributes = {}
+    while name := _name(stream):
+        kind, size = _name(stream), struct.unpack("<i", _exactly(stream, 4))[0]
+        attributes[name.decode()] = kind.decode(), _exactly(stream, size)
+    return Header(attributes)
+
+
+def _name(stream: io.BytesIO) -> bytes:
+    name = bytearray()
+    while (byte := _exactly(stream, 1)) != b"\0":
+        name += byte
+    return bytes(name)
+
+
+def _exactly(stream: BinaryIO, size: int) -> bytes:
+    data = stream.read(size) if size >= 0 else b""
+    if size < 0 or len(data) < size:
+        raise UnknownLayout("the file ends too early")
+    return data
+
+
+def tile_at(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
+    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a file of one."""
+    stream.seek(offset)
+    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
+    column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
+    if stored_part != part or level != [0, 0]:
+        raise UnknownLayout("a tile of another part")
+    return (column, row), _exactly(stream, size)
 
 
 def _box(shape: tuple[int, int]) -> bytes:

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from tokenize import TokenError
 from typing import BinaryIO
@@ -21,6 +22,16 @@ def write_npy(path: str | Path, array: np.ndarray) -> None:
     with Path(path).open("wb") as stream:
         npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows_first))
         stream.write(rows_first.data)
+
+
+def append_npy(path: Path, rows: np.ndarray, count: Callable[[], int]) -> None:
+    """Append rows to a file of an array that has `count()` of them in the end; the first call makes it."""
+    if not path.exists():
+        head = {"descr": npy.dtype_to_descr(rows.dtype), "fortran_order": False, "shape": (count(), *rows.shape[1:])}
+        with path.open("wb") as stream:
+            npy.write_array_header_1_0(stream, head)
+    with path.open("ab") as stream:
+        stream.write(np.ascontiguousarray(rows).data)
 
 
 def read_npy(path: str | Path) -> np.ndarray:

@@ -218,7 +218,6 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     name, response, irradiation, sensor = entry.name, entry.response, entry.irradiation, entry.asked.sensor
     if response is None or irradiation is None:
         return
-    kind = "colour_image" if entry.channels else "image"
     of_cameras = {"camera": seen_through(graph, entry)}
     seen = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
     channels = [radiance.channel for radiance in irradiation.channels]
@@ -237,8 +236,10 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
             irradiation=irradiation,
             colorimetry=entry.colorimetry,
         )
-        image = f"{kind}/{name}/{frame.number:04d}"
-        reads = {"image": image} | of_cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
+        of_channels = [channel for channel in response.channels if channel in seen]
+        images = {f"image_{channel}": f"image/{seen[channel].full_name}/{frame.number:04d}" for channel in of_channels}
+        images = images or {"image": f"image/{name}/{frame.number:04d}"}
+        reads = images | of_cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
         raw = add(graph, f"expose/{name}/{frame.number:04d}", params, reads)
         files |= {
             f"frames/{frame.number:04d}/{name}/{file}": (raw, file)

@@ -198,7 +198,8 @@ class FrameTasks:
         table = replace(self._table, frame=frame.number)
         reads = dict(self._reads)
         if self.entry.truth.searches:
-            reads["rays"] = f"rays/{self.entry.full_name}"
+            reads["rays"] = rays = f"rays/{self.entry.full_name}"
+            reads |= {role: tile for role, tile in self.graph[rays].reads.items() if role.startswith("tile")}
             if self.entry.asked.microlenses:
                 reads["micro_images"] = f"micro_images/{self.entry.full_name}"
         if self.entry.truth.method == "image":

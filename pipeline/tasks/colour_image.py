@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.channel_names import colour_of
-from pipeline.files.exr import PRIMARIES_XY, ExrWindows
+from pipeline.files.exr import PRIMARIES_XY, texts_of
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.png import write_png
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs, in_bands
+from pipeline.tasks.artefacts.cameras import Inputs, in_bands, light_file
 from pipeline.tasks.params.outputs import SPECTRAL, ColourImage
 
 _LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
@@ -26,20 +26,23 @@ def letter_of(channel: str) -> str:
 def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
     """Write `name`.exr, relative irradiance of each channel, and `name`.png, an 8-bit preview."""
     name = params.name
-    images = [ExrWindows(inputs[f"channel{i}"][f"{name}.exr"]) for i in range(len(params.channels))]
+    files = [inputs[f"channel{i}"] for i in range(len(params.channels))]
+    images = [np.load(of_channel[light_file(name)], mmap_mode="r") for of_channel in files]
+    texts = [texts_of(of_channel[f"{name}.exr"], name) for of_channel in files]
     letters = [letter_of(channel.name) for channel in params.channels]
     attributes: dict[str, str | float | int] = {
         "content": "relative irradiance of each channel: 1 is a white scene on the axis",
         **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},
     }
-    for letter, image in zip(letters, images, strict=True):
-        if "noise" in (texts := image.headers[name].texts):
-            attributes[f"noise_{letter}"] = float(texts["noise"])
+    for letter, said in zip(letters, texts, strict=True):
+        if "noise" in said:
+            attributes[f"noise_{letter}"] = float(said["noise"])
     if params.colorimetry is not None:
         text = "of the sensor, not of Rec. 709: chromaticities hold the matrix to XYZ that is best for a ColorChecker"
         attributes["colours"] = f"{text} in {params.colorimetry.illuminant}"
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
-    part = _part(name, images, name, letters, attributes)
+    traced = {"rays": texts[0]["rays"]} if "rays" in texts[0] else {}  # by a device: the same one for all
+    part = _part(name, images, letters, {**attributes, **traced})
     write_bands(out / f"{name}.exr", [part])
 
     def preview(first: int, end: int) -> np.ndarray:
@@ -47,10 +50,10 @@ def run(params: ColourImage, inputs: Inputs, out: Path) -> None:
 
     write_png(out / f"{name}.png", in_bands(part.shape[0], preview))
     if params.is_spectral:
-        _write_spectral(out / SPECTRAL, images, params)
+        _write_spectral(out / SPECTRAL, images, params, traced)
 
 
-def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -> None:
+def _write_spectral(path: Path, images: list[np.ndarray], params: ColourImage, traced: dict[str, str]) -> None:
     """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
 
     Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
@@ -61,22 +64,18 @@ def _write_spectral(path: Path, images: list[ExrWindows], params: ColourImage) -
         "spectralLayoutVersion": "1.0",
         "content": "relative irradiance at each wavelength: 1 is a white scene on the axis in the same light",
     }
-    write_bands(path, [_part("spectral", images, params.name, names, attributes)])
+    write_bands(path, [_part("spectral", images, names, {**attributes, **traced})])
 
 
 def _part(
-    name: str, images: list[ExrWindows], of: str, channels: list[str], attributes: dict[str, str | float | int]
+    name: str, images: list[np.ndarray], channels: list[str], attributes: dict[str, str | float | int]
 ) -> BandedPart:
-    """The images of all channels, each the part `of` its file, as one part; it says what traced the rays, too."""
-    header = images[0].headers[of]
+    """The images of all channels, (h, w) each, as one part."""
 
     def rows(first: int, end: int) -> np.ndarray:
-        return np.stack([image.rows(of, first, end)["Y"] for image in images], axis=-1)
+        return np.stack([image[first:end] for image in images], axis=-1)
 
-    traced = {"rays": header.texts["rays"]} if "rays" in header.texts else {}  # by a device: the same one for all
-    return BandedPart(
-        name=name, shape=header.shape, channels=tuple(channels), rows=rows, attributes={**attributes, **traced}
-    )
+    return BandedPart(name=name, shape=images[0].shape, channels=tuple(channels), rows=rows, attributes=attributes)
 
 
 def picture(channels: dict[str, np.ndarray]) -> np.ndarray:

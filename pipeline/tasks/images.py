@@ -29,7 +29,7 @@ from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, stacked, tracer_alone
+from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, light_file, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
 from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
 from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
@@ -327,7 +327,8 @@ def _from_passes(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
 
 
 def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
-    """Write `name`.exr, relative irradiance with its reference in the header, and `name`.png, an 8-bit preview."""
+    """Write `name`.exr, relative irradiance with its reference in the header, `name`.png, an 8-bit preview, and for
+    tasks that read it an array."""
     by_area, pixels = tracer.camera.weight == "area", image.pixels
     measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
     attributes = {
@@ -337,6 +338,7 @@ def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, trace
         **(image.labels or {}),
     }
     write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *image.parts])
+    write_npy(out / light_file(name), pixels.astype(np.float32))
     write_png(out / f"{name}.png", in_bands(len(pixels), lambda first, end: srgb_preview(pixels[first:end], 1.0)))
 
 

@@ -6,6 +6,7 @@ Only where target points may be seen, unless the whole image is asked for: the c
 
 import dataclasses
 import functools
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes, target_plane
-from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.exr_bands import BandedPart, Rows, write_bands
+from pipeline.files.npy import append_npy
 from pipeline.tasks.artefacts.cameras import Inputs, rig_of, stretches
 from pipeline.tasks.params.frames import Positions
 from pipeline.truth.direct.candidates import candidates
@@ -21,10 +23,12 @@ from pipeline.truth.grid.ray_grid import fine_from_image
 
 Tile = tuple[slice, slice]
 """Rows and columns of the fine grid."""
+_ROWS = 256
+"""Rows of the fine grid in which traced positions are counted at once."""
 
 
 def run(params: Positions, inputs: Inputs, out: Path) -> None:
-    """Write positions.exr."""
+    """Write positions.exr; and, for the task `truth`, what was traced on each plane: two arrays, if there is any."""
     rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {
         "frame": "frame of the tangent plane, mm: x right, y up, z = 0",
@@ -37,7 +41,8 @@ def run(params: Positions, inputs: Inputs, out: Path) -> None:
     for plane in params.planes:
         wanted = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
         pose = np.array(plane.vision_from_target)
-        rows = functools.partial(position_image, rig, pose, params.sampling, wanted)
+        traced = functools.partial(position_image, rig, pose, params.sampling, wanted)
+        rows = functools.partial(_kept, traced_files(plane.name, out), shape, wanted, traced)
         parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
 
@@ -53,6 +58,35 @@ def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
     ]
 
 
+def is_wanted(wanted: list[Tile] | None, width: int, first: int, end: int) -> np.ndarray:
+    """Which positions of some rows of the fine grid are traced, (rows, width); all without tiles."""
+    here = np.full((end - first, width), wanted is None)
+    for down, across in wanted or ():
+        here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
+    return here
+
+
+def traced_files(plane: str, folder: Path = Path()) -> tuple[Path, Path]:
+    """Files of the positions that were traced: places in the fine grid, row by row, (n,), and J there, (n, 2)."""
+    return folder / f"{plane}.index.npy", folder / f"{plane}.traced.npy"
+
+
+def _kept(
+    files: tuple[Path, Path], shape: tuple[int, int], wanted: list[Tile] | None, traced: Rows, first: int, end: int
+) -> np.ndarray:
+    """Rows of a position image, whose traced positions are appended to the files."""
+    image, here = traced(first, end), is_wanted(wanted, shape[1], first, end)
+
+    def count() -> int:
+        bands = pairwise([*range(0, shape[0], _ROWS), shape[0]])
+        return sum(int(np.count_nonzero(is_wanted(wanted, shape[1], *band))) for band in bands)
+
+    if here.any():
+        append_npy(files[0], np.flatnonzero(here) + first * shape[1], count)
+        append_npy(files[1], image[here], count)
+    return image
+
+
 def position_image(
     rig: Rig,
     vision_from_target: np.ndarray,
@@ -66,9 +100,7 @@ def position_image(
     """
     sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)
-    here = np.full((end - first, sensor.width_px * k), wanted is None)
-    for down, across in wanted or ():
-        here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
+    here = is_wanted(wanted, sensor.width_px * k, first, end)
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.full((here.size, 2), np.nan, np.float32)
     for piece in stretches(rig, k, first, end) if here.any() else ():

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.channel_names import colour_of
-from pipeline.files.exr import ExrWindows
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, read_json, write_json
 from pipeline.files.png import write_png
@@ -20,18 +19,16 @@ from pipeline.render.sensor.colours import PRIMARIES, has_colours, in_colour
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
-from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, in_bands
-from pipeline.tasks.colour_image import letter_of
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, in_bands, light_file
 from pipeline.tasks.params.outputs import DNG, MAPS, PREVIEW, TIFF, TRANSMISSION, Expose, PatternMaps, Transmission
-
-_PART = "image"
-"""The part of image.exr that holds relative irradiance."""
 
 
 def expose(params: Expose, inputs: Inputs, out: Path) -> None:
-    """The raw image of a camera in a frame, from its linear image: raw.tiff, raw.dng and raw.png."""
-    image = ExrWindows(inputs["image"]["image.exr"])
-    shape, response = image.headers[_PART].shape, params.response
+    """The raw image of a camera in a frame, from its linear image, or from that of each channel: three files."""
+    response = params.response
+    roles = {name: f"image_{name}" if f"image_{name}" in inputs else "image" for name in response.channels}
+    images = {name: np.load(inputs[role][light_file("image")], mmap_mode="r") for name, role in roles.items()}
+    shape = next(iter(images.values())).shape
     at_one, lens = _photons_at_one(params, inputs), transmission_of(inputs)
     shot = Shot(
         seed=params.seed,
@@ -41,14 +38,14 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
     )
 
     def light(first: int, end: int) -> dict[str, np.ndarray]:
-        pixels = {name: band.astype(float) for name, band in image.rows(_PART, first, end).items()}
-        for name, field in lens.items():
-            pixels[letter_of(name)] *= field.relative_rows(first, end, shape[1])
+        pixels = {name: image[first:end].astype(float) for name, image in images.items()}
+        for name in lens.keys() & pixels.keys():
+            pixels[name] *= lens[name].relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
         around = _with_margin(light, shape[0], (first, end), response.margin_px)
-        photons = {name: at_one[name] * around[letter_of(name)] for name in response.channels}
+        photons = {name: at_one[name] * around[name] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
     about = _about(params, at_one)

@@ -9,13 +9,16 @@ from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, VARIANCE, WEIGHT
 from pipeline.files.exr_bands import BandedPart, Rows, write_bands
-from pipeline.files.npy import StackedRows, write_npy
+from pipeline.files.jsonfile import write_json
+from pipeline.files.npy import StackedRows, append_npy, write_npy
 from pipeline.tasks.artefacts.cameras import Inputs, Stretch, rig_of, stretches, tracer_alone
 from pipeline.tasks.params.cameras import JoinedRays, RaysTile
 from pipeline.truth.grid.position_image import in_pixels, jacobian
 
 NEAR, FAR, HIT_FRACTION, ERROR_SQUARED, WIDTH = slice(0, 2), slice(2, 4), 4, slice(5, 9), 9
 """Columns of bundles.npy; the last value is their number."""
+GRID, ERROR, AXIAL = "grid.json", "error.npy", "axial.npy"
+"""Files for the task `truth`: facts of the grid, the part `error`, and k and l of each microlens, (m, 2)."""
 
 
 def rays_tile(params: RaysTile, inputs: Inputs, out: Path) -> None:
@@ -70,10 +73,9 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     tracer, k = tracer_alone(inputs, params.sampling.seed), params.sampling.supersampling
     near_mm, far_mm = tracer.camera.near_mm, tracer.camera.far_mm
     assert near_mm is not None and far_mm is not None
-    bundles, cells, covariance = (
-        StackedRows([inputs[f"tile{number}"][f"{name}.npy"] for number in range(params.tiles)])
-        for name in ("bundles", "cells", "covariance")
-    )
+    bundles, cells, covariance = bundles_of(inputs, params.tiles)
+    facts = {"supersampling": k, "planes_mm": [near_mm, far_mm], "footprint": params.light.footprint}
+    write_json(out / GRID, facts | {"tiles": params.tiles})
     head: Attributes = {
         "frame": "vision frame, mm: origin at the aperture stop, x right, y down, z forward",
         "grid": "K times finer than the image: x_px = (x_K + 1/2) / K - 1/2",
@@ -84,7 +86,9 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
 
     def error(first: int, end: int) -> np.ndarray:
         low, high = max(first - 1, 0), min(end + 1, bundles.shape[0])  # differences reach one row beyond a band
-        return error_of(bundles.rows(low, high), cells.rows(low, high), k)[first - low : end - low]
+        errors = error_of(bundles.rows(low, high), cells.rows(low, high), k)[first - low : end - low]
+        append_npy(out / ERROR, errors.astype(np.float32), lambda: bundles.shape[0])
+        return errors
 
     def columns(some: slice) -> Rows:
         return lambda first, end: bundles.rows(first, end)[..., some]
@@ -100,6 +104,7 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     ]
     if (lattice := tracer.lattice) is not None:
         axial = np.stack([lattice.k, lattice.l], axis=-1)
+        write_npy(out / AXIAL, axial)
         parts.append(_part("microlens", ("k", "l"), fine, lambda first, end: axial[cells.rows(first, end)], head))
     write_bands(out / "rays.exr", parts)
 
@@ -108,6 +113,15 @@ def _part(
     name: str, channels: tuple[str, ...], shape: tuple[int, ...], rows: Rows, attributes: Attributes
 ) -> BandedPart:
     return BandedPart(name=name, shape=(shape[0], shape[1]), channels=channels, rows=rows, attributes=attributes)
+
+
+def bundles_of(inputs: Inputs, tiles: int) -> tuple[StackedRows, StackedRows, StackedRows]:
+    """Bundles, cells and second moments of all tiles, by rows of the fine grid, and of the image."""
+    bundles, cells, covariance = (
+        StackedRows([inputs[f"tile{number}"][f"{name}.npy"] for number in range(tiles)])
+        for name in ("bundles", "cells", "covariance")
+    )
+    return bundles, cells, covariance
 
 
 def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.ndarray:

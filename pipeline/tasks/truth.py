@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.camera.rig import Rig
-from pipeline.files.exr import ExrWindows
 from pipeline.files.jsonfile import read_json, write_json
+from pipeline.files.npy import StackedRows, read_npy
 from pipeline.files.tables import read_table, write_table
 from pipeline.jit.work import work
 from pipeline.records.plain import from_plain, to_plain
@@ -27,7 +27,8 @@ from pipeline.tasks.artefacts.truth_table import (
     time_columns,
 )
 from pipeline.tasks.params.frames import Truth
-from pipeline.tasks.rays import MOMENTS
+from pipeline.tasks.positions import traced_files
+from pipeline.tasks.rays import AXIAL, ERROR, FAR, GRID, HIT_FRACTION, NEAR, bundles_of
 from pipeline.truth.direct.direct_rows import guesses, solve, with_own_bundles
 from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import on_target
@@ -43,15 +44,16 @@ ROWS, NOTES = "rows.csv", "notes.json"
 """Files that tiles write."""
 
 
-class RayFile(AnyRayGrid):
-    """The rays of a camera in rays.exr and, of a plenoptic one, micro_images.csv; read window by window."""
+class RayTiles(AnyRayGrid):
+    """The rays of a camera in the arrays of tiles and, of a plenoptic one, micro_images.csv; read by rows."""
 
     def __init__(self, inputs: Inputs) -> None:
-        self._file = ExrWindows(inputs["rays"]["rays.exr"])
-        near, far = (self._file.headers[name].texts for name in ("near", "far"))
-        self.supersampling = int(near["supersampling"])
-        self._planes_mm = float(near["plane_z_mm"]), float(far["plane_z_mm"])
-        self._square_steps = 1.0 if near["footprint"] == "pixel" else 0.0
+        grid = read_json(inputs["rays"][GRID])
+        self._bundles, self._cells, self._covariance = bundles_of(inputs, grid["tiles"])
+        self._error = StackedRows([inputs["rays"][ERROR]])
+        self.supersampling = grid["supersampling"]
+        self._planes_mm = grid["planes_mm"]
+        self._square_steps = 1.0 if grid["footprint"] == "pixel" else 0.0
         self.microlenses: np.ndarray = np.zeros((1, 3), np.int64)
         self.centres_px: np.ndarray | None = None
         if "micro_images" in inputs:
@@ -59,40 +61,35 @@ class RayFile(AnyRayGrid):
             names = ("microlens_k", "microlens_l", "microlens_type")
             self.microlenses = np.stack([table.numbers(name) for name in names], axis=1).astype(np.int64)
             self.centres_px = np.stack([table.numbers("centre_x_px"), table.numbers("centre_y_px")], axis=1)
+            self._axial = read_npy(inputs["rays"][AXIAL])
 
     @property
     def size_px(self) -> tuple[int, int]:
-        height, width = self._file.headers["moments"].shape
+        height, width, _ = self._covariance.shape
         return width, height
 
     def window(self, rows: slice, columns: slice) -> RayGrid:
         k = self.supersampling
-        fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
-        near, far, error = (window_of(self._file, name, *fine, "X", "Y") for name in ("near", "far", "error"))
-        cell = np.zeros(near.shape[:2], np.int64)
+        (first, end), across = (rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
+        bundles = self._bundles.rows(first, end)[:, across]
+        cell = np.zeros(bundles.shape[:2], np.int64)
         if self.centres_px is not None:
-            cell = _rows_of(window_of(self._file, "microlens", *fine, "k", "l").astype(np.int64), self.microlenses)
+            cell = _rows_of(self._axial[self._cells.rows(first, end)[:, across]], self.microlenses)
         return RayGrid(
             supersampling=k,
             near_mm=self._planes_mm[0],
             far_mm=self._planes_mm[1],
-            near=near,
-            far=far,
-            covariance=window_of(self._file, "moments", rows, columns, *MOMENTS),
-            hit_fraction=window_of(self._file, "hit_fraction", *fine, "Y")[..., 0],
-            error_px=error,
+            near=bundles[..., NEAR].astype(np.float64),
+            far=bundles[..., FAR].astype(np.float64),
+            covariance=self._covariance.rows(rows.start, rows.stop)[:, columns].astype(np.float64),
+            hit_fraction=bundles[..., HIT_FRACTION].astype(np.float64),
+            error_px=self._error.rows(first, end)[:, across].astype(np.float64),
             cell=cell,
             microlenses=self.microlenses,
             centres_px=self.centres_px,
             square_steps=self._square_steps,
             first_px=(columns.start, rows.start),
         )
-
-
-def window_of(file: ExrWindows, part: str, rows: slice, columns: slice, *channels: str) -> np.ndarray:
-    """Channels of a window of a part side by side, (h, w, n) float64."""
-    pixels = file.rows(part, rows.start, rows.stop)
-    return np.stack([pixels[name][:, columns] for name in channels], axis=-1).astype(np.float64)
 
 
 def _rows_of(axial: np.ndarray, microlenses: np.ndarray) -> np.ndarray:
@@ -111,7 +108,7 @@ def truth(params: Truth, inputs: Inputs, out: Path) -> None:
         notes, columns = joined(inputs, params.tiles)
     else:
         notes, columns = target_rows(params, inputs)
-    k = RayFile(inputs).supersampling if table.settings.searches else None
+    k = read_json(inputs["rays"][GRID])["supersampling"] if table.settings.searches else None
     head = header_of(table, k, focused_camera(inputs))
     write_table(out / "correspondences.csv", [*head, *(note.text for note in notes)], columns)
     if names := [f"{note.target} {name}" for note in notes for name in note.names]:
@@ -124,8 +121,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
     table, view, settings = params.table, params.view, params.table.settings
     assert view is not None
     rig = rig_of(inputs, table.seed, params.square_px)
-    rays = RayFile(inputs) if settings.searches else None
-    positions = ExrWindows(inputs["positions"]["positions.exr"]) if "positions" in inputs else None
+    rays = RayTiles(inputs) if settings.searches else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
@@ -139,8 +135,8 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         points = posed.points
         some = slice(0, len(points.kinds)) if params.points is None else slice(*params.points[name])
         image_of: ImageOf = by_two_planes
-        if positions is not None:
-            image_of = functools.partial(_traced, positions, name, len(points.frames))
+        if "positions" in inputs:
+            image_of = functools.partial(_traced, inputs["positions"], name, len(points.frames))
         before = posed.before(rig, table.shutter, entry.motion)
         moving = before if isinstance(before, MovingPlanes) else None
         if moving is None:
@@ -226,10 +222,17 @@ def unfiltered(settings: TruthSettings) -> TruthSettings:
 
 
 def _traced(
-    positions: ExrWindows, target: str, planes: int, number: int, pose: np.ndarray, rays: RayGrid
+    files: dict[str, Path], target: str, planes: int, number: int, pose: np.ndarray, rays: RayGrid
 ) -> np.ndarray:
-    """J on a tangent plane as task `positions` traced it."""
-    return window_of(positions, plane_name(target, number, planes), *rays.fine, "X", "Y")
+    """J on a tangent plane as task `positions` traced it, for rows as wide as the image; NaN elsewhere."""
+    (rows, columns), places = rays.fine, [file.name for file in traced_files(plane_name(target, number, planes))]
+    width = columns.stop - columns.start
+    image = np.full(((rows.stop - rows.start) * width, 2), np.nan)
+    if places[0] in files:  # else nothing of it is in the image
+        index, traced = (np.load(files[place], mmap_mode="r") for place in places)
+        low, high = np.searchsorted(index, (rows.start * width, rows.stop * width))
+        image[index[low:high] - rows.start * width] = traced[low:high]
+    return image.reshape(-1, width, 2)
 
 
 def by_two_planes(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:

@@ -94,19 +94,17 @@ def test_bytes_do_not_depend_on_the_machine_of_the_day(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("attribute", "byte", "message"),
-    [(b"dataWindow\0box2i\0", 8 + 2, "parts are missing"), (b"tiles\0tiledesc\0", 4 + 3, "tiles of 128 x")],
+    ("attribute", "byte"),
+    [(b"dataWindow\0box2i\0", 8 + 2), (b"tiles\0tiledesc\0", 4 + 3)],
 )
-def test_a_damaged_size_costs_neither_memory_nor_time(
-    tmp_path: Path, attribute: bytes, byte: int, message: str
-) -> None:
+def test_a_damaged_size_costs_neither_memory_nor_time(tmp_path: Path, attribute: bytes, byte: int) -> None:
     """One flipped bit in the header must not ask for gigabytes before the file is found to be short."""
     path = tmp_path / "x.exr"
     write_exr(path, [Part(name="a", channels={"X": noise(30, 20)})])
     whole = path.read_bytes()
     place = whole.index(attribute) + len(attribute) + 4 + byte  # 4: the length of the value
     path.write_bytes(whole[:place] + bytes([16]) + whole[place + 1 :])
-    with pytest.raises(DamagedFile, match=message):
+    with pytest.raises(DamagedFile, match="so short a file"):
         read_exr(path)
 
 

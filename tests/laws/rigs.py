@@ -23,7 +23,7 @@ from pipeline.tasks.artefacts.cameras import FOCUSED
 from pipeline.tasks.micro_images import micro_images
 from pipeline.tasks.params.cameras import BundleLight, JoinedRays, MicroImageTables, RaysTile
 from pipeline.tasks.rays import rays, rays_tile
-from pipeline.tasks.truth import RayFile
+from pipeline.tasks.truth import RayTiles
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (
@@ -161,11 +161,11 @@ def ray_grid(
     inputs["tile0"] = {f"{name}.npy": folder / "tile" / f"{name}.npy" for name in ("bundles", "cells", "covariance")}
     light = BundleLight(weight="irradiance", footprint=footprint, wavelength_nm=587.56)
     rays(JoinedRays(tiles=1, sampling=sampling, light=light), inputs, folder / "rays")
-    inputs["rays"] = {"rays.exr": folder / "rays" / "rays.exr"}
+    inputs["rays"] = {path.name: path for path in (folder / "rays").iterdir()}
     if camera.microlenses:
         micro_images(MicroImageTables(tiles=0), inputs, folder / "table")
         inputs["micro_images"] = {"micro_images.csv": folder / "table" / "micro_images.csv"}
-    return RayFile(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))
+    return RayTiles(inputs).window(slice(0, sensor.height_px), slice(0, sensor.width_px))
 
 
 F_MM = 49.9

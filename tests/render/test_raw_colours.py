@@ -15,14 +15,15 @@ from laws import rigs
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 from stage_text import stage_in
 
-from pipeline.files.exr import ExrWindows, Part, read_exr, write_exr
+from pipeline.files.exr import Part, read_exr, texts_of, write_exr
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import write_json
+from pipeline.files.npy import write_npy
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.load import load
 from pipeline.tasks import colour_image
-from pipeline.tasks.artefacts.cameras import FOCUSED
+from pipeline.tasks.artefacts.cameras import FOCUSED, light_file
 from pipeline.tasks.params.cameras import ChannelLabel
 from pipeline.tasks.params.outputs import ColourImage, Expose
 from pipeline.tasks.raw_images import expose
@@ -62,6 +63,14 @@ def apart(one, other):
     return colour.delta_E(one, other, method="CIE 2000")
 
 
+def light(folder, pixels):
+    """The output of a task that renders an image, (h, w)."""
+    folder.mkdir(exist_ok=True)
+    write_npy(folder / light_file("image"), pixels.astype(np.float32))
+    write_exr(folder / "image.exr", [Part(name="image", channels={"Y": pixels})])
+    return {path.name: path for path in folder.iterdir()}
+
+
 @pytest.fixture(params=["D65", "A", "FL2", "LED-B3"])
 def taken(request, tmp_path):
     """Light, values of the chart, folder with its raw image, and the graph of a dataset of that light."""
@@ -69,13 +78,11 @@ def taken(request, tmp_path):
     graph, *_ = graph_of(load(stage_in(tmp_path, text.replace('nant = "A"', f'nant = "{request.param}"'))).dataset)
     rgb, xyz = chart(request.param)
     pixels = np.repeat(np.repeat(rgb[None], EDGE, axis=1), EDGE, axis=0)
-    write_exr(
-        tmp_path / "image.exr", [Part(name="image", channels=dict(zip("RGB", np.moveaxis(pixels, 2, 0), strict=True)))]
-    )
+    names = ("red", "green", "blue")
+    images = {f"image_{name}": light(tmp_path / name, pixels[..., i]) for i, name in enumerate(names)}
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
     write_json(tmp_path / FOCUSED, to_plain(rigs.conventional()))  # whose F-number and focal length a negative states
-    inputs = {"image": {"image.exr": tmp_path / "image.exr"}, "camera": {FOCUSED: tmp_path / FOCUSED}}
-    expose(params, inputs, tmp_path)
+    expose(params, {**images, "camera": {FOCUSED: tmp_path / FOCUSED}}, tmp_path)
     return request.param, rgb, xyz, tmp_path, graph
 
 
@@ -117,17 +124,14 @@ def test_tags_say_white_light_and_time_as_the_specification_of_dng_wants(taken):
 
 def test_viewers_find_the_primaries_of_a_colour_image(taken):
     """By them R, G and B are as near to the chart as the sensor can tell; by those of Rec. 709 they are 3 off."""
-    light, rgb, xyz, folder, graph = taken
-    for number, pixels in enumerate(rgb.T):
-        (folder / str(number)).mkdir()
-        write_exr(folder / str(number) / "image.exr", [Part(name="image", channels={"Y": pixels[None]})])
-    inputs = {f"channel{number}": {"image.exr": folder / str(number) / "image.exr"} for number in range(3)}
+    illuminant, rgb, xyz, folder, graph = taken
+    inputs = {f"channel{i}": light(folder / str(i), pixels[None]) for i, pixels in enumerate(rgb.T)}
     colour_image.run(from_plain(ColourImage, graph["colour_image/Left.Camera/0001"].params), inputs, folder)
     header = OpenEXR.File(str(folder / "image.exr")).parts[0].header
     primaries = np.array(header["chromaticities"]).reshape(4, 2)
     matrix = colour.normalised_primary_matrix(primaries[:3], primaries[3])
     assert apart(lab(rgb @ matrix.T, xyz[-1]), lab(xyz, xyz[-1])).mean() < 2
-    assert light in header["colours"]
+    assert illuminant in header["colours"]
     assert "chromaticities" not in read_exr(folder / "image.exr")["image"].attributes
 
 
@@ -136,7 +140,7 @@ def test_a_sensor_without_colours_is_given_none(taken):
     *_, folder, graph = taken
     params = from_plain(Expose, graph["expose/Left.Camera/0001"].params)
     grey = replace(params.response, filters=("green",), quantum_efficiency=(0.5,))
-    inputs = {"image": {"image.exr": folder / "image.exr"}, "camera": {FOCUSED: folder / FOCUSED}}
+    inputs = {"image": light(folder / "grey", np.ones((4, 4))), "camera": {FOCUSED: folder / FOCUSED}}
     expose(replace(params, response=grey), inputs, folder)
     tags, exif = tags_of(folder / "raw.dng")
     assert 33434 in exif
@@ -159,11 +163,11 @@ def test_the_picture_and_the_spectrum_name_the_device_of_their_channels(rays, tm
             rows=lambda first, end, pixels=pixels: pixels[first:end],
             attributes={"content": "relative irradiance", **rays},
         )
+        inputs[f"channel{i}"] = light(folder, pixels)
         write_bands(folder / "image.exr", [part])
-        inputs[f"channel{i}"] = {"image.exr": folder / "image.exr"}
         channels.append(ChannelLabel(name=name, wavelengths_nm=(nm,), shares=(1.0,)))
     colour_image.run(ColourImage(name="image", channels=tuple(channels)), inputs, tmp_path)
-    picture, spectrum = ExrWindows(tmp_path / "image.exr"), ExrWindows(tmp_path / "spectral.exr")
-    found = [picture.headers["image"].texts, spectrum.headers["spectral"].texts]
+    found = [texts_of(tmp_path / f"{file}.exr", part) for file, part in (("image", "image"), ("spectral", "spectral"))]
     assert [texts.get("rays") for texts in found] == [rays.get("rays")] * 2
-    np.testing.assert_array_equal(picture.rows("image", 0, 4)["B"], np.full((4, 5), 0.75, np.float32))
+    blue = read_exr(tmp_path / "image.exr")["image"].channels["B"]
+    np.testing.assert_array_equal(blue, np.full((4, 5), 0.75, np.float32))

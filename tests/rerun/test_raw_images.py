@@ -16,15 +16,16 @@ from pipeline.app.verify import wrong_files
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.output import manifest
 from pipeline.files import tiff
-from pipeline.files.exr import Part, read_exr, write_exr
+from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import write_json
+from pipeline.files.npy import write_npy
 from pipeline.files.tiff import read_tiff
 from pipeline.records.plain import to_plain
 from pipeline.render.radiometry import FieldTransmission
 from pipeline.render.sensor.read_out import Shot, digital_numbers, fixed_pattern
 from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.scene.load import load
-from pipeline.tasks.artefacts.cameras import FOCUSED
+from pipeline.tasks.artefacts.cameras import FOCUSED, light_file
 from pipeline.tasks.params.outputs import Expose
 from pipeline.tasks.raw_images import expose
 
@@ -137,12 +138,12 @@ def camera_in(folder):
 def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
     """Neither does the crosstalk from one band into the next."""
     light = np.random.default_rng(2).uniform(0, 1.2, (61, 23))
-    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": light})])
+    write_npy(array := tmp_path / light_file("image"), light)
     params = Expose(camera="C", frame=-4, seed=9, response=RESPONSE, irradiation=IRRADIATION)
     for name, band_px in (("whole", 1 << 20), ("bands", 5 * 23), ("rows", 1)):
         (tmp_path / name).mkdir()
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
-        expose(params, {"image": {"image.exr": tmp_path / "image.exr"}, **camera_in(tmp_path)}, tmp_path / name)
+        expose(params, {"image": {array.name: array}, **camera_in(tmp_path)}, tmp_path / name)
     for file in RAW:
         assert (tmp_path / "bands" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
         assert (tmp_path / "rows" / file).read_bytes() == (tmp_path / "whole" / file).read_bytes(), file
@@ -150,7 +151,7 @@ def test_the_bytes_do_not_depend_on_bands(tmp_path, monkeypatch):
 
 def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeypatch):
     """Light falls by a hundredth from column to column, before the crosstalk; in bands as in one piece."""
-    write_exr(tmp_path / "image.exr", [Part(name="image", channels={"Y": np.ones((4, 6))})])
+    write_npy(tmp_path / light_file("image"), np.ones((4, 6)))
     shares = tuple(0.5 - 0.005 * column for column in range(6))
     field = FieldTransmission(
         axis=0.5,
@@ -170,10 +171,8 @@ def test_a_raw_image_has_what_the_lens_lets_pass_at_each_pixel(tmp_path, monkeyp
     )
     level = Irradiation(exposure_time_s=0.0, white_level=0.5)
     params = Expose(camera="C", frame=1, seed=0, response=quiet, irradiation=level)
-    inputs = {
-        name: {f"{name}.{end}": tmp_path / f"{name}.{end}"}
-        for name, end in (("image", "exr"), ("transmission", "json"))
-    } | camera_in(tmp_path)
+    files = {"image": light_file("image"), "transmission": "transmission.json"}
+    inputs = {role: {name: tmp_path / name} for role, name in files.items()} | camera_in(tmp_path)
     for band_px in (1 << 20, 1):
         monkeypatch.setattr(tiff, "_BAND_PX", band_px)
         expose(params, inputs, tmp_path)

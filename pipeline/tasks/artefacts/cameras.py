@@ -33,6 +33,11 @@ _KEPT = 4
 """Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
 
+def light_file(image: str) -> str:
+    """Name of the array (h, w) float32 that an image task leaves beside `image`.exr, for tasks that read its light."""
+    return f"{image}.light.npy"
+
+
 def focused_camera(inputs: Inputs, role: str = "camera") -> Camera:
     """The camera of a task `focus` or `channel`, with near and far planes if the task reads those of `planes`."""
     camera = from_plain(Camera, read_json(inputs[role][FOCUSED]))
