@@ -7,7 +7,7 @@ pivot, because spreads are a millionth of the squared positions.
 import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
-from pipeline.jit.decorators import inline, opaque
+from pipeline.jit.decorators import inline, opaque, unit
 from pipeline.records.shapes import Float64
 
 MEAN, COVARIANCE, WEIGHT, FREE_WEIGHT, VARIANCE, COLUMNS = 0, 4, 14, 15, 16, 20
@@ -30,7 +30,7 @@ def cross(plane, px, py, pz, dx, dy, dz):
     )
 
 
-@opaque
+@unit
 def cross_packet(near, far, packet, first, end, crossing):
     """Crossings of some rays of a packet with both planes, (4, PACKET)."""
     x, y, z, dx, dy, dz = packet.x, packet.y, packet.z, packet.dx, packet.dy, packet.dz
@@ -60,7 +60,7 @@ def clear(sums, total):
         total[k] = 0.0
 
 
-@opaque
+@unit
 def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
     """Add weights, first and second moments about the pivot of some rays of a packet; the sums stay in registers."""
     p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]

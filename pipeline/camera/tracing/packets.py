@@ -13,7 +13,7 @@ from pipeline.camera.tracing.acceptance import accepted_share, is_limited
 from pipeline.camera.tracing.microlens_kernels import AIM, FOCAL, PLAIN, X, Y, through_microlens
 from pipeline.camera.tracing.records import SensorPoints
 from pipeline.camera.tracing.sobol import scrambled
-from pipeline.jit.decorators import inline, opaque
+from pipeline.jit.decorators import inline, opaque, unit
 from pipeline.optics.crossing import Ray, put
 from pipeline.optics.kernels import Packet, trace_packet
 
@@ -23,7 +23,7 @@ _VERTEX_X, _VERTEX_Y, _POWER = range(3)
 """Scratch arrays of a packet that hold the plain microlens of each ray: nothing else needs them before the trace."""
 
 
-@opaque
+@unit
 def draw(bits, first, size, seed, values):
     """Scrambled coordinates of samples first ... first + size of one dimension."""
     for i in range(size):
