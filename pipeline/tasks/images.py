@@ -41,8 +41,6 @@ Scene = TargetLight | GlowingView | LitView
 """A view as the rooms of light take it."""
 _LAST: dict[bytes, LitView] = {}
 """The last lit view of this process, by what its triangles depend on: tasks of channels and of tiles share them."""
-Together = tuple[list[Scene], Rows, Rows]
-"""Scenes of the instants that some pixels see, their rows and columns."""
 
 
 class SoFar(NamedTuple):
@@ -188,7 +186,7 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
     rig = imaged_rig(inputs, exposure)
     width_px, height_px = rig.tracer.camera.sensor.size_px
-    all_rows, all_columns = rows or (0, height_px), (0, width_px)
+    all_rows = rows or (0, height_px)
 
     def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
         first, end = steadied_by(rig, columns)
@@ -196,11 +194,16 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
         light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
         return light[..., columns[0] - first : columns[1] - first]
 
-    still = [scene_of(image.view, inputs) for image in images if image.shutter is None]
-    alike = iter(rendered(still, all_rows, all_columns) if still else ())
-    return np.stack(
-        [exposed(image, inputs, rig, all_rows, rendered) if image.shutter else next(alike) for image in images]
-    )
+    result = np.empty((len(images), all_rows[1] - all_rows[0], width_px))
+    still = [number for number, image in enumerate(images) if image.shutter is None]
+    moving = [[number] for number, image in enumerate(images) if image.shutter is not None]
+    for some in filter(None, [still, *moving]):
+        for times_s, lines, columns in exposures(images[some[0]].shutter, all_rows, (width_px, height_px)):
+            scenes = [scene for number in some for scene in scenes_at(images[number].view, times_s, inputs)]
+            light = rendered(scenes, lines, columns)
+            of_images = light.reshape(len(some), len(times_s), *light.shape[1:])
+            result[some, slice(*(line - all_rows[0] for line in lines)), slice(*columns)] = of_images.mean(axis=1)
+    return result
 
 
 def steadied_by(rig: Rig, columns: Rows) -> Rows:
@@ -210,40 +213,27 @@ def steadied_by(rig: Rig, columns: Rows) -> Rows:
     return max(0, columns[0] - 1), min(columns[1] + 1, rig.tracer.camera.sensor.width_px)
 
 
-def exposed(
-    image: Image, inputs: Inputs, rig: Rig, rows: Rows, rendered: Callable[[list[Scene], Rows, Rows], np.ndarray]
-) -> np.ndarray:
-    """Rows of the image of a view that moves before a shutter, (h, w): of each line the mean of its instants.
-
-    `rendered` returns images of scenes that share their rays, which instants of pixels exposed together do.
-    """
-    assert image.shutter is not None
-    parts = [rendered(*together).mean(axis=0) for together in exposed_together(image, inputs, rig, rows)]
-    return np.concatenate(parts, axis=1 - image.shutter.axis)
-
-
-def exposed_together(image: Image, inputs: Inputs, rig: Rig, rows: Rows) -> Iterator[Together]:
-    """Pixels of some rows, by the instants that they see."""
-    shutter, view, size_px = image.shutter, image.view, rig.tracer.camera.sensor.size_px
+def exposures(
+    shutter: Shutter | None, rows: Rows, size_px: tuple[int, int]
+) -> Iterator[tuple[list[float], Rows, Rows]]:
+    """Instants [s] of which pixels of some rows are the mean, and their rows and columns; a still has one instant."""
     if shutter is None:
-        yield [scene_of(view, inputs)], rows, (0, size_px[0])
+        yield [0.0], rows, (0, size_px[0])
         return
-    assert view is not None
-    after_s = instants_after_s(shutter)
-    for opens_s, some, columns in shutter.lines(rows, size_px):
-        yield [scene_of(view_at(view, time), inputs) for time in (opens_s + after_s).tolist()], some, columns
-
-
-def instants_after_s(shutter: Shutter) -> np.ndarray:
-    """Instants of a line after its exposure begins, (n,) [s]."""
     count = shutter.instants if shutter.exposure_s else 1
-    after_s: np.ndarray = shutter.exposure_s * (np.arange(count) + 0.5) / count
-    return after_s
+    after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    for opens_s, some, columns in shutter.lines(rows, size_px):
+        yield (opens_s + after_s).tolist(), some, columns
 
 
-def scene_of(view: PaintedView | None, inputs: Inputs) -> Scene:
-    """The view as the rooms of light take it."""
+def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[Scene]:
+    """A view at instants after the time code of its frame."""
     assert view is not None  # tiles, passes and images without them have one
+    return [scene_of(view_at(view, time_s), inputs) for time_s in times_s]
+
+
+def scene_of(view: PaintedView, inputs: Inputs) -> Scene:
+    """The view as the rooms of light take it."""
     if view.lighting is None:
         targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
         if not any(view.colours):
@@ -270,7 +260,8 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
     rig, white = imaged_rig(inputs, exposure), read_npy(inputs["white"][MEANS]).mean(axis=0)
     kept = None if shutter or params.number == 0 else read_npy(inputs["first"][COLOURS])[None]
     parts = []
-    for scenes, some, columns in exposed_together(params, inputs, rig, rows):
+    for times_s, some, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
+        scenes = scenes_at(params.view, times_s, inputs)
         first, end = steadied_by(rig, columns)
         bands = imaging.bands_in_lights(rig, some, (first, end))
         there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
