@@ -24,7 +24,7 @@ from pipeline.frames import rigid
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.planes import StillPlanes, tangent_planes
+from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.rows import Solutions
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
@@ -54,7 +54,7 @@ def solved(rig: Rig) -> Solutions:
 
 def varied(rig: Rig, rows: Solutions, with_blur: bool = False) -> int:
     """Number of derivatives of each row, which are computed; cameras are made ready, too."""
-    here = StillPlanes(tangent_planes(POSE, BOARD.points_mm()))
+    here = Planes(tangent_planes(POSE, BOARD.points_mm()))
     sides = [
         *(partial(moved, rig, number) for number in range(6)),
         *(partial(edited, rig, here, f) for f in EDITS),
@@ -69,10 +69,10 @@ def varied(rig: Rig, rows: Solutions, with_blur: bool = False) -> int:
 def moved(rig: Rig, number: int, by: float) -> Neighbour:
     step = by * np.eye(6)[number]
     turn = rigid(Rotation.from_rotvec(step[3:], degrees=True).as_matrix(), step[:3])
-    return Neighbour(rig.tracer, StillPlanes(tangent_planes(POSE @ turn, BOARD.points_mm())))
+    return Neighbour(rig.tracer, Planes(tangent_planes(POSE @ turn, BOARD.points_mm())))
 
 
-def edited(rig: Rig, planes: StillPlanes, edit: Callable[[Camera, float], Camera], by: float) -> Neighbour:
+def edited(rig: Rig, planes: Planes, edit: Callable[[Camera, float], Camera], by: float) -> Neighbour:
     return Neighbour(rig.tracer.next_to(edit(rig.tracer.camera, by)), planes)
 
 

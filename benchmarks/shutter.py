@@ -20,8 +20,8 @@ from pipeline.camera.tracer import Tracer
 from pipeline.motion import Motion, Shutter
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.moving import solve_moving, time_of_rows
-from pipeline.truth.planes import MovingPlanes, tangent_planes
+from pipeline.truth.moving import solve_points, time_of_rows
+from pipeline.truth.planes import Planes, tangent_planes
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 BOARD = Checkerboard(columns=7, rows=4, square_mm=1.5)
@@ -48,15 +48,15 @@ def still(rig: Rig, planes: np.ndarray) -> int:
     return len(solve(rig, guesses(rig, planes)[0], planes, ACCURACY_PX, LEAST_HITS).solutions.point)
 
 
-def at_their_times(rig: Rig, moving: MovingPlanes) -> int:
+def at_their_times(rig: Rig, moving: Planes) -> int:
     """Number of rows of a moving board, which are solved, with all that a table says of their time."""
-    rows = solve_moving(rig, moving, slice(None), ACCURACY_PX, LEAST_HITS)
+    rows = solve_points(rig, moving, slice(None), ACCURACY_PX, LEAST_HITS)
     assert rows is not None
     time_of_rows(rig, moving, rows.solutions)
     return len(rows.solutions.point)
 
 
-def before(rig: Rig, exposure_s: float) -> MovingPlanes:
+def before(rig: Rig, exposure_s: float) -> Planes:
     """The board before a shutter that scans the image in 20 ms."""
     size_px = rig.tracer.camera.sensor.size_px
     shutter = Shutter(
@@ -65,7 +65,7 @@ def before(rig: Rig, exposure_s: float) -> MovingPlanes:
     edges_s = (-0.02, 0.02)
     times_s = Motion.times_s(np.array(edges_s))[0].tolist()
     motion = Motion(edges_s=edges_s, poses=(tuple(pose_at(t).tolist() for t in times_s),))
-    return MovingPlanes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, size_px)
+    return Planes(tangent_planes(np.eye(4), BOARD.points_mm()), motion, shutter, size_px)
 
 
 def pose_at(time_s: float) -> np.ndarray:

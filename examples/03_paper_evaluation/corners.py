@@ -13,7 +13,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.optics.first_order import first_order
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
 from pipeline.truth.judging import Rows, differences
-from pipeline.truth.planes import Pairs, tangent_planes
+from pipeline.truth.planes import Exposed, tangent_planes
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"
 ROUGH_PX, ACCURACY_PX = 1e-2, 1e-5
@@ -82,7 +82,7 @@ class Corners:
 
     def judged(self, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
         """What random rays move the positions by, and their own standard error, (n, 2) each."""
-        rows = Rows(Pairs.still(self.plane), self.cell, self.x_px, np.ones(len(self), bool))
+        rows = Rows(Exposed.still(self.plane), self.cell, self.x_px, np.ones(len(self), bool))
         return differences(self.rig, rows, claim_px)[:2]
 
 

@@ -26,7 +26,7 @@ from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as row_derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, mean_rays, planes_of_rays, solve
 from pipeline.truth.moving import planes_at_own_times
-from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, axes_across, faces_camera
+from pipeline.truth.planes import Planes, axes_across, faces_camera
 from pipeline.truth.rows import Solutions
 
 if TYPE_CHECKING:
@@ -126,10 +126,8 @@ class ReadyCamera:
         planes = np.empty((len(points), 4, 3))
         planes[:, 0] = points
         planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))
-        of_points: Planes = StillPlanes(planes)
-        if moving is not None:
-            of_points = self._moving(planes, moving)
-            planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
+        of_points = Planes(planes) if moving is None else self._moving(planes, moving)
+        planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
         fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
         fates[~pupil_fan(self.camera.prescription).may_see(planes[:, 0])] = Fate.BEHIND
         open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
@@ -166,7 +164,7 @@ class ReadyCamera:
         self, rows: Solutions, planes: np.ndarray, names: Sequence[str], *, with_blur: bool
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives of positions and, if asked for, of blur by numbers, (n, 2) and (n, 2, 2) or (..., k)."""
-        on, variations, ends = StillPlanes(planes), list[Variation](), list[tuple[str, int]]()
+        on, variations, ends = Planes(planes), list[Variation](), list[tuple[str, int]]()
         for name in dict.fromkeys(names):
             if name == POINT:
                 variations += [_shifted(self.rig.tracer, planes, axis) for axis in range(3)]
@@ -191,12 +189,12 @@ class ReadyCamera:
 
         return by_name(rates.x_px), {} if rates.blur_px2 is None else by_name(rates.blur_px2)
 
-    def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> MovingPlanes:
+    def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> Planes:
         if self.shutter is None:
             hint = "give points where they are at the time code, or plen:shutter:* to the camera"
             raise CameraError(f"{self.name or 'the camera'} has no shutter, so a frame is an instant", hint=hint)
         motion = moving if isinstance(moving, Motion) else Motion.of(moving, self.shutter.motion_s(self.size_px))
-        return MovingPlanes(planes, motion, self.shutter, self.size_px)
+        return Planes(planes, motion, self.shutter, self.size_px)
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
         """Rays of image positions: the line of J(x) through all planes perpendicular to the axis, or, of a camera that
@@ -282,7 +280,7 @@ def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
     step = _SHARE_OF_WAY * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
     shift = np.zeros((4, 3))
     shift[0, axis] = step
-    return Variation(step, *(Neighbour(tracer, StillPlanes(planes + side * shift)) for side in (-1, 1)))
+    return Variation(step, *(Neighbour(tracer, Planes(planes + side * shift)) for side in (-1, 1)))
 
 
 def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:

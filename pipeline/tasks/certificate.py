@@ -77,7 +77,7 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
     parts = []
     for entry in targets:
         here, planes = names == entry.name, planes_of(rig, entry, shutter)
-        parts.append(Rows(planes.pairs(point[here], x[here]), cell[here], x[here], is_direct[here]))
+        parts.append(Rows(planes.exposed(point[here], x[here]), cell[here], x[here], is_direct[here]))
     return parts
 
 

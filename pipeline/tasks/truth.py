@@ -17,7 +17,7 @@ from pipeline.files.tables import read_table, write_table
 from pipeline.jit.work import work
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
-from pipeline.tasks.artefacts.surroundings import SurroundingsInTime, placed_target
+from pipeline.tasks.artefacts.surroundings import placed_target, surroundings_at, visibility_then
 from pipeline.tasks.artefacts.truth_table import (
     PosedPoints,
     TargetNote,
@@ -29,13 +29,13 @@ from pipeline.tasks.artefacts.truth_table import (
 from pipeline.tasks.params.frames import Truth
 from pipeline.tasks.positions import traced_files
 from pipeline.tasks.rays import AXIAL, ERROR, FAR, GRID, HIT_FRACTION, NEAR, bundles_of
-from pipeline.truth.direct.direct_rows import guesses, solve, with_own_bundles
+from pipeline.truth.direct.direct_rows import with_own_bundles
 from pipeline.truth.grid.correspond import ImageOf, correspond_points, largest_sag_mm
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid
-from pipeline.truth.moving import solve_moving
-from pipeline.truth.planes import MovingPlanes, faces_camera, plane_name
-from pipeline.truth.positions.column_sets import column_names, column_set, moving_column_set
+from pipeline.truth.moving import solve_points
+from pipeline.truth.planes import faces_camera, plane_name
+from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 from pipeline.truth.visibility import seen
@@ -125,7 +125,8 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
     entries = sorted(view.targets, key=lambda entry: entry.name)
-    in_time = SurroundingsInTime.of(dataclasses.replace(view, targets=tuple(entries)), table.shutter, rig)
+    ordered, size_px = dataclasses.replace(view, targets=tuple(entries)), rig.tracer.camera.sensor.size_px
+    around = surroundings_at(ordered, table.shutter, size_px)
     for number, entry in enumerate(entries):
         name = entry.name
         if params.points is not None and name not in params.points:
@@ -137,32 +138,26 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         image_of: ImageOf = by_two_planes
         if "positions" in inputs:
             image_of = functools.partial(_traced, inputs["positions"], name, len(points.frames))
-        before = posed.before(rig, table.shutter, entry.motion)
-        moving = before if isinstance(before, MovingPlanes) else None
-        if moving is None:
-            truth = correspondences(rig, rays, settings, posed, image_of, some)
+        planes = posed.before(rig, table.shutter, entry.motion)
+        if rays is None:
+            truth = solve_points(rig, planes, some, settings.aim_px, settings.min_hit_fraction)
         else:
-            truth = solve_moving(rig, moving, some, settings.aim_px, settings.min_hit_fraction)
+            truth = correspondences(rig, rays, settings, posed, image_of)
         if truth is None:
             notes.append(TargetNote(target=name, counts=None))
             continue
-        planes, sets = posed.planes, []
-        solutions = truth.solutions
-        on = functools.partial(before.at, solutions.point)
-        truth, share = seen(truth, in_time.visibility(rig, number, solutions.cell, solutions.xy_px, on))
+        sets = []
+        truth, share = seen(truth, visibility_then(rig, around, number, planes, truth.solutions))
         rows = columns_of(table, posed, rig, truth, share)
         if table.shutter is not None:
-            rows |= time_columns(rig, table.shutter, truth.solutions, moving)
+            rows |= time_columns(rig, truth.solutions, planes)
         for extra in settings.column_sets:
-            if moving is None:
-                positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
-            else:
-                positions_of = moving_column_set(extra, rig, target, moving, truth.solutions)
+            positions_of = column_set(extra, rig, target, pose, planes, truth.solutions)
             rows |= dict(zip(column_names(extra), positions_of.x_px.T, strict=True))
             sets.append(positions_of.note)
         for column, values in rows.items():
             columns[column].extend(values)
-        away, sag = int(np.sum(~faces_camera(planes[some]))), largest_sag_mm(truth, points)
+        away, sag = int(np.sum(~faces_camera(posed.planes[some]))), largest_sag_mm(truth, points)
         pairs, axes = truth.unsolved, slice(2 if rig.images else 0)
         names = tuple(map(tuple, np.column_stack([pairs[:, 0], rig.axial[pairs[:, 1], axes]]).tolist()))
         notes.append(
@@ -185,35 +180,14 @@ def joined(inputs: Inputs, tiles: int) -> tuple[list[TargetNote], dict[str, list
 
 
 def correspondences(
-    rig: Rig,
-    rays: AnyRayGrid | None,
-    settings: TruthSettings,
-    posed: PosedPoints,
-    image_of: ImageOf,
-    some: slice = slice(None),
+    rig: Rig, rays: AnyRayGrid, settings: TruthSettings, posed: PosedPoints, image_of: ImageOf
 ) -> Correspondences | None:
-    """All rows of one target, None if all of its points face away; `rays` is None for method `direct`.
-
-    Method `direct` can solve some points only; the rows are the same.
-    """
+    """All rows of one target by a search in position images; None if all of its points face away."""
     planes = posed.planes
     if not faces_camera(planes).any():
         return None
-    if rays is None:
-        asked = np.zeros_like(planes)
-        # The others face neither to the camera nor away: they get no rows
-        asked[:, 0], asked[some] = planes[:, 0], planes[some]
-        return solved(rig, settings, asked)
     rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), image_of)
     return None if rows is None else with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
-
-
-def solved(rig: Rig, settings: TruthSettings, planes: np.ndarray) -> Correspondences:
-    """All rows by method `direct`."""
-    assert settings.claim_px is not None
-    guess, rays = guesses(rig, planes)
-    truth = solve(rig, guess, planes, settings.claim_px, settings.min_hit_fraction)
-    return dataclasses.replace(truth, counts={**truth.counts, "rays": truth.counts["rays"] + rays})
 
 
 def unfiltered(settings: TruthSettings) -> TruthSettings:

@@ -98,7 +98,7 @@ class _Rows:
         def integrate(planes: np.ndarray) -> Integral:
             return self.held.next_to(there.tracer, replace(bundles, planes=planes))
 
-        return over_exposure(there.planes.pairs(self._point, bundles.x_px), integrate).moments
+        return over_exposure(there.planes.exposed(self._point, bundles.x_px), integrate).moments
 
 
 def _same(microlens: np.ndarray, here: Lattice | None, there: Lattice | None) -> np.ndarray:

@@ -23,7 +23,7 @@ from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth.direct.newton import Search, errors_px, mean_hit, over_exposure
-from pipeline.truth.planes import Pairs
+from pipeline.truth.planes import Exposed
 from pipeline.truth.settings import CLAIM_PX
 
 ROWS = 135
@@ -63,7 +63,7 @@ prove an error of twice the claim in one of 135 rows.
 class Rows:
     """Rows of a table that are to be judged."""
 
-    pairs: Pairs  # tangent planes at their target points
+    planes: Exposed  # tangent planes at their target points
     cell: Int64[np.ndarray, "n"]  # index of their microlens; 0 for a conventional camera
     x_px: Float64[np.ndarray, "n 2"]
     is_direct: Bool[np.ndarray, "n"]  # whether they were found by quadrature
@@ -71,7 +71,7 @@ class Rows:
     stands_for: Float64[np.ndarray, "n"] | float = 1.0
 
     def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
-        return Rows(self.pairs.only(kept), self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
+        return Rows(self.planes.only(kept), self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
 
     @property
     def weights(self) -> np.ndarray:
@@ -81,10 +81,10 @@ class Rows:
     @staticmethod
     def joined(parts: list["Rows"]) -> "Rows":
         """Rows of several tables, one after the other."""
-        pairs = Pairs.joined([part.pairs for part in parts])
-        none = Rows(pairs.only(slice(0, 0)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))
+        planes = Exposed.joined([part.planes for part in parts])
+        none = Rows(planes.only(slice(0, 0)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))
         names = ("cell", "x_px", "is_direct")
-        return Rows(pairs, *(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
+        return Rows(planes, *(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
 
     def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
         """A sample of these rows with so many rows, which represents all of them."""
@@ -152,7 +152,7 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
     microlens = rig.microlens(rows.cell)
-    search = Search(rig.tracer, microlens, lambda some, _: rows.pairs.only(some), rows.x_px, rows.x_px, rig.square_px)
+    search = Search(rig.tracer, microlens, lambda some, _: rows.planes.only(some), rows.x_px, rows.x_px, rig.square_px)
     search.look()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
@@ -233,7 +233,7 @@ class _RandomRays:
             bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
             return random_integrals(self.rig.tracer, bundles, rays, stream)
 
-        integral = over_exposure(self.rows.pairs.only(here), integrate)
+        integral = over_exposure(self.rows.planes.only(here), integrate)
         self._error_mm[here] = integral.error_mm
         sigma = errors_px(self.inverse[here], pooled(integral, self._coarser_mm[here]))
         return -np.einsum("nij,nj->ni", self.inverse[here], mean_hit(integral.moments)), sigma

@@ -10,100 +10,122 @@ from pipeline.records.shapes import Float64, Int64
 
 _GAUSS = 0.5 / 3**0.5
 """Distance of Gauss's two nodes from the middle of an interval, over its length [1]."""
+_INSTANT = Shutter()
+"""The shutter of a frame that is the instant of its time code."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
-    """Planes at both nodes of Gauss's rule in each stretch of an exposure, and the share of each stretch: the mean over
-    the exposure is the weighted mean over all. A motion is smooth in a stretch.
+class PlanePair:
+    """Two planes of each bundle: at the nodes of Gauss's rule in a stretch of its exposure."""
+
+    near: Float64[np.ndarray, "n 4 3"]
+    far: Float64[np.ndarray, "n 4 3"]
+
+    @staticmethod
+    def twice(planes: Float64[np.ndarray, "n 4 3"]) -> "PlanePair":
+        """The same planes at both."""
+        return PlanePair(planes, planes)
+
+    @property
+    def both(self) -> np.ndarray:
+        """As kernels read them, (n, 2, 4, 3)."""
+        return np.stack([self.near, self.far], axis=1)
+
+    def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "PlanePair":
+        """Those of some rows."""
+        return PlanePair(self.near[rows], self.far[rows])
+
+
+@dataclass(frozen=True, slots=True)
+class Exposed:
+    """Planes over an exposure: the mean is the weighted mean over its stretches, in each of which a motion is smooth. A
+    still has one, of weight 1.
     """
 
-    planes: Float64[np.ndarray, "n s 2 4 3"]
-    share: Float64[np.ndarray, "n s"]
+    stretches: tuple[PlanePair, ...]
+    weights: Float64[np.ndarray, "n s"]
 
     @staticmethod
-    def still(planes: Float64[np.ndarray, "n 4 3"]) -> "Pairs":
+    def still(planes: Float64[np.ndarray, "n 4 3"]) -> "Exposed":
         """Planes that do not move."""
-        return Pairs(np.stack([planes, planes], axis=1)[:, None], np.ones((len(planes), 1)))
+        return Exposed((PlanePair.twice(planes),), np.ones((len(planes), 1)))
 
-    def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Pairs":
+    @property
+    def first(self) -> PlanePair:
+        """The first stretch."""
+        return self.stretches[0]
+
+    def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Exposed":
         """Those of some rows."""
-        return Pairs(self.planes[rows], self.share[rows])
+        return Exposed(tuple(pair.only(rows) for pair in self.stretches), self.weights[rows])
 
     @staticmethod
-    def joined(parts: Sequence["Pairs"]) -> "Pairs":
-        """Those of all parts; stretches that some rows lack have no share."""
-        most = max((part.share.shape[1] for part in parts), default=1)
-        lacking = [most - part.share.shape[1] for part in parts]
-        planes = [
-            np.pad(part.planes, ((0, 0), (0, count), (0, 0), (0, 0), (0, 0)), mode="edge")
-            for part, count in zip(parts, lacking, strict=True)
-        ]
-        share = [np.pad(part.share, ((0, 0), (0, count))) for part, count in zip(parts, lacking, strict=True)]
-        none = np.zeros((0, most, 2, 4, 3)), np.zeros((0, most))
-        return Pairs(np.concatenate([none[0], *planes]), np.concatenate([none[1], *share]))
+    def joined(parts: Sequence["Exposed"]) -> "Exposed":
+        """Those of all parts; stretches that some rows lack have no weight."""
+        most = max((len(part.stretches) for part in parts), default=1)
+        padded = [(*part.stretches, *[part.stretches[-1]] * (most - len(part.stretches))) for part in parts]
+        none, weights = np.zeros((0, 4, 3)), [np.zeros((0, most))]
+        weights += [np.pad(part.weights, ((0, 0), (0, most - part.weights.shape[1]))) for part in parts]
+        stretches = tuple(
+            PlanePair(*(np.concatenate([none, *(getattr(each[s], end) for each in padded)]) for end in ("near", "far")))
+            for s in range(most)
+        )
+        return Exposed(stretches, np.concatenate(weights))
 
 
 @dataclass(frozen=True, slots=True)
-class StillPlanes:
-    """Planes (p, 4, 3) that do not move."""
+class Planes:
+    """Tangent planes (p, 4, 3) of points as they are while image positions are exposed: in the vision frame or, if they
+    have a motion vision_from_target, in that of their target.
+    """
 
-    planes: Float64[np.ndarray, "p 4 3"]
+    of_points: Float64[np.ndarray, "p 4 3"]
+    motion: Motion | None = None
+    shutter: Shutter = _INSTANT
+    size_px: tuple[int, int] = (1, 1)  # of the image
+
+    @property
+    def moves(self) -> bool:
+        """Whether they move before the camera."""
+        return self.motion is not None
+
+    def middle_s(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+        """Middle of the exposure at image positions, (n,) [s]."""
+        return self.shutter.middle_s(x_px, self.size_px)
 
     def at(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Planes (n, 4, 3) of points at times."""
-        return self.planes[point]
-
-    def pairs(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
-        """Planes of points over the exposure at image positions, which may be NaN."""
-        return Pairs.still(self.planes[point])
-
-    def instants(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
-        """Planes of points as in the middle of the exposure alone."""
-        return Pairs.still(self.planes[point])
-
-
-@dataclass(frozen=True, slots=True)
-class MovingPlanes:
-    """Planes (p, 4, 3) of a target, in its own frame, that move before the camera, vision_from_target."""
-
-    of_target: Float64[np.ndarray, "p 4 3"]
-    motion: Motion
-    shutter: Shutter
-    size_px: tuple[int, int]  # of the image
+        if self.motion is None:
+            return self.of_points[point]
+        pose = self.motion.at(times_s)
+        planes: np.ndarray = np.einsum("nij,nkj->nki", pose[:, :3, :3], self.of_points[point])
+        planes[:, 0] += pose[:, :3, 3]
+        return planes
 
     def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN where the position is."""
-        return self.at(point, self.shutter.middle_s(x_px, self.size_px))
+        """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN where a position of what
+        moves is.
+        """
+        return self.at(point, self.middle_s(x_px))
 
-    def pairs(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
-        """As of still planes, with stretches between the times at which the motion bends; NaN where the position is."""
-        middle, exposure_s = self.shutter.middle_s(x_px, self.size_px), self.shutter.exposure_s
+    def exposed(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Exposed:
+        """Planes of points over the exposure at image positions, with stretches between the times at which their motion
+        bends; NaN where a position of what moves is.
+        """
+        if self.motion is None:
+            return Exposed.still(self.of_points[point])
+        middle, exposure_s = self.middle_s(x_px), self.shutter.exposure_s
         first, end = middle - exposure_s / 2, middle + exposure_s / 2
         bends = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
         ends = np.sort(np.clip(bends, first[:, None], end[:, None]), axis=1)
         edges = np.concatenate([first[:, None], ends, end[:, None]], axis=1)
         length = np.diff(edges, axis=1)
-        share = length / exposure_s if ends.shape[1] else np.ones((len(x_px), 1))
         middles, half = (edges[:, 1:] + edges[:, :-1]) / 2, _GAUSS * length
-        times = np.stack([middles - half, middles + half], axis=2)
-        planes = self.at(np.repeat(point, 2 * share.shape[1]), times.ravel())
-        return Pairs(planes.reshape(*times.shape, 4, 3), share)
-
-    def instants(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Pairs:
-        """As of still planes."""
-        return self.stills(point, self.shutter.middle_s(x_px, self.size_px))
-
-    def stills(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> Pairs:
-        """Planes of points as at times alone."""
-        return Pairs.still(self.at(point, times_s))
-
-    def at(self, point: Int64[np.ndarray, "n"], times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """As of still planes."""
-        pose = self.motion.at(times_s)
-        planes: np.ndarray = np.einsum("nij,nkj->nki", pose[:, :3, :3], self.of_target[point])
-        planes[:, 0] += pose[:, :3, 3]
-        return planes
+        pairs = (
+            PlanePair(*(self.at(point, s) for s in each))
+            for each in zip((middles - half).T, (middles + half).T, strict=True)
+        )
+        return Exposed(tuple(pairs), length / exposure_s if ends.shape[1] else np.ones((len(x_px), 1)))
 
 
 def tangent_planes(
@@ -117,10 +139,6 @@ def tangent_planes(
     turn = vision_from_target[:3, :3]
     planes[:, 1:] = turn.T if axes is None else (turn @ axes).transpose(0, 2, 1)
     return planes
-
-
-Planes = StillPlanes | MovingPlanes
-"""Tangent planes of points, as they are while an image position is exposed."""
 
 
 def faces_camera(planes: Float64[np.ndarray, "n 4 3"]) -> np.ndarray:

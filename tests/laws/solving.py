@@ -17,7 +17,7 @@ from pipeline.truth.grid.correspond import find, with_light
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging import Rows
-from pipeline.truth.planes import Pairs, tangent_planes
+from pipeline.truth.planes import Exposed, Planes, tangent_planes
 from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.rows import Correspondences, Solutions, existing
 from pipeline.truth.settings import TruthSettings
@@ -35,7 +35,7 @@ def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float =
 
 
 def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
-    return Rows(Pairs.still(planes[rows.point]), rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
+    return Rows(Exposed.still(planes[rows.point]), rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
 
 
 UNFILTERED = TruthSettings(method="two-plane", filter="none")
@@ -102,4 +102,4 @@ def off_axis(stop_semi_mm: float, pitch_mm: float = 0.005) -> Camera:
 
 
 def saddles(case: Case) -> np.ndarray:
-    return column_set("saddle", case.rig, case.target, case.pose, case.planes, case.solutions).x_px
+    return column_set("saddle", case.rig, case.target, case.pose, Planes(case.planes), case.solutions).x_px

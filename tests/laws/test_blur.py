@@ -18,7 +18,7 @@ from pipeline.camera.rig import Rig
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve, with_own_bundles
-from pipeline.truth.planes import StillPlanes, tangent_planes
+from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.rows import Correspondences
 
 CLAIM_PX = 1e-3
@@ -122,7 +122,7 @@ def test_so_it_is_for_rows_of_position_images_whatever_derivative_their_grid_has
 @pytest.mark.parametrize("name", ["stop", "sensor"])
 def test_it_changes_along_the_row_as_that_of_rows_that_are_solved_again(rig, planes, rows, name):
     """By a rim and by a distance: differences of the closed form at its own solutions, extrapolated."""
-    solutions, step, on = rows.solutions.only(rows.solutions.point != AT_THE_RIM), 1e-4, StillPlanes(planes)
+    solutions, step, on = rows.solutions.only(rows.solutions.point != AT_THE_RIM), 1e-4, Planes(planes)
     sides = [Sizes(**{name: getattr(Sizes(), name) + by}) for by in (-step, step)]
     ends = (Neighbour(rig.tracer.next_to(two_rims(side)), on) for side in sides)
     solved = SolvedRows(solutions.point, solutions.cell, solutions.xy_px, on)

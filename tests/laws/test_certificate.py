@@ -14,7 +14,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth import judging
 from pipeline.truth.judging import ROWS, Differences, Rows, certify, rows_of_build, sample, verdict
-from pipeline.truth.planes import Pairs, tangent_planes
+from pipeline.truth.planes import Exposed, tangent_planes
 
 CLAIM_PX = 1e-4
 
@@ -123,7 +123,7 @@ def test_a_build_judges_one_row_in_eight(of: int, rows: int) -> None:
 def rows_and(length: list[float], own: list[float], freedom: float, is_direct: np.ndarray) -> tuple[Differences, Rows]:
     n = len(length)
     found = np.array([length, [0.0] * n]).T, np.array([own, [0.0] * n]).T
-    rows = Rows(Pairs.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct)
+    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct)
     return Differences(*found, np.full(n, freedom)), rows
 
 
@@ -194,7 +194,7 @@ class Synthetic(judging._RandomRays):
 def synthetic(true_px: np.ndarray, seed: int, blunt_px: float) -> tuple[bool | None, Differences]:
     """The verdict on rows by `direct` with true errors (n,) in claims, by a judge so blunt with 2^14 rays."""
     n, angle = len(true_px), np.random.default_rng(-seed % 2**32).uniform(0, 2 * np.pi, len(true_px))
-    rows = Rows(Pairs.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), np.full(n, True))
+    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), np.full(n, True))
     judge = Synthetic(true_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), rows, seed, blunt_px)
     judge.approach(1.0)
     judge.ask_again(1.0)
@@ -239,6 +239,6 @@ def test_a_sample_has_both_kinds_and_stands_for_the_table(images: int, direct: i
     assert len(set(drawn)) == len(drawn) == min(ROWS, images + direct) and (np.diff(drawn) > 0).all()
     assert np.sum(~is_direct[drawn]) == expected
     n = len(is_direct)
-    rows = Rows(Pairs.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
+    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
     assert rows.weights[~rows.is_direct].sum() == pytest.approx(images)
     assert rows.weights[rows.is_direct].sum() == pytest.approx(direct)

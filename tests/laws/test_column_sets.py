@@ -29,7 +29,7 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import Target
 from pipeline.truth.direct.candidates import chief_points
-from pipeline.truth.planes import tangent_planes
+from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.positions import centroid as centroids
 from pipeline.truth.positions.bundle_map import BundleMap
 from pipeline.truth.positions.centroid import centroid
@@ -220,11 +220,11 @@ def test_cells_are_empty_where_nothing_is_defined() -> None:
     camera = rigs.bare(rigs.tronnier(4.0), Sensor(width_px=101, height_px=101, pitch_mm=0.05), 131.81, (400.0, 480.0))
     dots = case_of(camera, discs(2.0), rigs.facing(434.4, 0.0, 4.0, 0.0))
     assert np.isnan(saddles(dots)).all()
-    cut = column_set("centroid", dots.rig, dots.target, dots.pose, dots.planes, dots.solutions)
+    cut = column_set("centroid", dots.rig, dots.target, dots.pose, Planes(dots.planes), dots.solutions)
     assert np.isnan(cut.x_px[:, 0]).tolist() == (dots.j_px[:, 0] > 80).tolist()
     assert "disc not whole in image or cell 1" in cut.note.text
     corners = case_of(camera, board(), rigs.facing(434.4))
-    none = column_set("centroid", corners.rig, corners.target, corners.pose, corners.planes, corners.solutions)
+    none = column_set("centroid", corners.rig, corners.target, corners.pose, Planes(corners.planes), corners.solutions)
     assert np.isnan(none.x_px).all()
     assert "not a disc 2" in none.note.text
 

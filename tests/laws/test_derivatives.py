@@ -28,8 +28,8 @@ from pipeline.motion import Shutter
 from pipeline.scene.load import load
 from pipeline.truth.derivatives import Derivatives, Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
-from pipeline.truth.moving import solve_moving
-from pipeline.truth.planes import MovingPlanes, Planes, StillPlanes, tangent_planes
+from pipeline.truth.moving import solve_points
+from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.rows import Solutions
 
 SAME = 1e-6
@@ -53,7 +53,7 @@ def rates(
     """The rig, its rows' positions, and their derivatives by one number of the camera."""
     rig, planes = rig_of(camera), planes_at()
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
-    on = StillPlanes(planes)
+    on = Planes(planes)
     sides = (Neighbour(rig.tracer.next_to(change(camera, sign * step)), on) for sign in (-1, 1))
     return rig, rows.xy_px, derivatives(rig, solved_rows(rows, on), [Variation(step, *sides)])
 
@@ -145,7 +145,7 @@ def test_rows_that_move_with_their_lines_have_the_derivatives_of_rows_that_are_s
     )
     rig, radius = rig_of(camera), of_surface(0, radius_mm=None)
 
-    def planes(x_mm: float = 0.0, line_s: float = 0.0) -> MovingPlanes:
+    def planes(x_mm: float = 0.0, line_s: float = 0.0) -> Planes:
         def pose(t: float) -> np.ndarray:
             return turning(t) + np.outer([x_mm, 0, 0, 0], [0, 0, 0, 1])
 
@@ -156,11 +156,11 @@ def test_rows_that_move_with_their_lines_have_the_derivatives_of_rows_that_are_s
         2e-3: lambda by: (rig, planes(x_mm=by)),
         1e-7: lambda by: (rig, planes(line_s=by)),
     }
-    rows = solve_moving(rig, planes(), slice(None), 1e-9, 0.05).solutions
+    rows = solve_points(rig, planes(), slice(None), 1e-9, 0.05).solutions
     variations, expected = [], []
     for step, change in changes.items():
         ends = [change(side * step) for side in (-1, 1)]
-        less, more = (solve_moving(*end, slice(None), 1e-9, 0.05).solutions.xy_px for end in ends)
+        less, more = (solve_points(*end, slice(None), 1e-9, 0.05).solutions.xy_px for end in ends)
         expected.append((more - less) / (2 * step))
         sides = (Neighbour(rig.tracer.next_to(end.tracer.camera), on) for end, on in ends)
         variations.append(Variation(step, *sides))
@@ -223,12 +223,12 @@ def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.nda
     variations = []
     for number in varied:
         ends = (
-            Neighbour(rig.tracer.next_to(end.cameras[0].camera), StillPlanes(planes(end)))
+            Neighbour(rig.tracer.next_to(end.cameras[0].camera), Planes(planes(end)))
             for end in (number.less, number.more)
         )
         variations.append(Variation(number.step, *ends))
     assert len(rows.point) == len(points.kinds)
-    rate = derivatives(rig, solved_rows(rows, StillPlanes(here)), variations, with_blur=True)
+    rate = derivatives(rig, solved_rows(rows, Planes(here)), variations, with_blur=True)
     assert rate.blur_px2 is not None
     return [number.name for number in varied], rate.x_px, rate.blur_px2
 
@@ -404,7 +404,7 @@ def test_a_pitch_that_moves_the_number_of_microlenses_on_an_array_has_derivative
         array = camera.microlenses
         return dataclasses.replace(camera, microlenses=dataclasses.replace(array, pitch_mm=array.pitch_mm * (1 + by)))
 
-    step, on = 1e-4, StillPlanes(planes)
+    step, on = 1e-4, Planes(planes)
     sides = [rig.tracer.next_to(change(sign * step)) for sign in (-1, 1)]
     variation = Variation(step, *(Neighbour(side, on) for side in sides))
     rate = derivatives(rig, solved_rows(rows, on), [variation])

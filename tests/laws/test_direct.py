@@ -26,7 +26,7 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.judging import Rows, certify
-from pipeline.truth.planes import Pairs, tangent_planes
+from pipeline.truth.planes import Exposed, tangent_planes
 
 
 def test_known_biases_are_those_of_brute_force() -> None:
@@ -157,7 +157,7 @@ def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: boo
     def verdict(bias_px: float) -> dict:
         kind = np.full(len(x), is_direct)
         return certify(
-            small, Rows(Pairs.still(planes[rows.point]), rows.cell, x + np.array([bias_px, 0.0]), kind), len(x), 1e-3
+            small, Rows(Exposed.still(planes[rows.point]), rows.cell, x + np.array([bias_px, 0.0]), kind), len(x), 1e-3
         )
 
     honest, biased = verdict(0.0), verdict(0.02)

@@ -36,7 +36,7 @@ from pipeline.optics.prescription import Prescription
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene
 from pipeline.truth.direct import newton
 from pipeline.truth.direct.direct_rows import Guess, solve
-from pipeline.truth.planes import Pairs
+from pipeline.truth.planes import Exposed
 
 DISTANCE_MM = 600.0
 FAST = ("double_gauss_50mm_canon_rf", "double_gauss_50mm_canon", "double_gauss_50mm_tronnier")
@@ -397,5 +397,5 @@ def search_of(
         return Integral(moments, np.full((len(moments), 2), error_mm), is_random, 0)
 
     monkeypatch.setattr(newton, "integrals", stated)
-    still = Pairs.still(parallel_planes(1.0, 2.0)[:1])
+    still = Exposed.still(parallel_planes(1.0, 2.0)[:1])
     return newton.Search(Mock(), np.zeros(1, int), lambda rows, _: still.only(rows), at_px[None], at_px[None])

@@ -25,12 +25,13 @@ from pipeline.targets.target import Target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.positions import position_image
 from pipeline.tasks.truth import by_two_planes, correspondences
+from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid import correspond as searching
 from pipeline.truth.grid.correspond import ImageOf, correspond_points
 from pipeline.truth.grid.position_image import on_target
 from pipeline.truth.grid.ray_grid import RayGrid
 from pipeline.truth.judging import Rows, certify
-from pipeline.truth.planes import Pairs, tangent_planes
+from pipeline.truth.planes import Exposed, tangent_planes
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
 
@@ -56,7 +57,10 @@ class Scene:
         self.direct = self.rows(EXACT)
 
     def rows(self, settings: TruthSettings) -> Correspondences:
-        grid = None if settings.method == "direct" else self.grid
+        if settings.method == "direct":
+            assert settings.claim_px is not None
+            planes = tangent_planes(self.pose, self.points.position_mm, self.points.plane_axes)
+            return solve(self.rig, guesses(self.rig, planes)[0], planes, settings.claim_px, settings.min_hit_fraction)
         image_of: ImageOf = by_two_planes
         if settings.method == "image":
             images = [self._traced(frame) for frame in self.points.frames]
@@ -64,7 +68,7 @@ class Scene:
             def image_of(number: int, pose: np.ndarray, rays: RayGrid) -> np.ndarray:
                 return images[number][rays.fine]
 
-        found = correspondences(self.rig, grid, settings, PosedPoints("Board", self.points, self.pose), image_of)
+        found = correspondences(self.rig, self.grid, settings, PosedPoints("Board", self.points, self.pose), image_of)
         assert found is not None
         return found
 
@@ -90,7 +94,7 @@ def judged(scene: Scene, rows: Correspondences, bias_px: float, claim_px: float)
     planes = tangent_planes(scene.pose, scene.points.position_mm, scene.points.plane_axes)[found.point]
     x = np.stack([found.x_px + bias_px, found.y_px], axis=1)
     return certify(
-        scene.rig, Rows(Pairs.still(planes), found.cell, x, rows.method[some] == "direct"), len(some), claim_px
+        scene.rig, Rows(Exposed.still(planes), found.cell, x, rows.method[some] == "direct"), len(some), claim_px
     )
 
 

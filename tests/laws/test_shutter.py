@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +28,13 @@ from pipeline.render.surroundings import Surroundings
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import AnyTarget, Target
-from pipeline.tasks.artefacts.surroundings import SurroundingsInTime
+from pipeline.tasks.artefacts.surroundings import surroundings_at, visibility_then
 from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import Rows, differences
-from pipeline.truth.moving import solve_moving, time_of_rows
-from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
-from pipeline.truth.positions.column_sets import column_set, moving_column_set
+from pipeline.truth.moving import solve_points, time_of_rows
+from pipeline.truth.planes import Planes, tangent_planes
+from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.visibility import PointBundles, visibility
 
 EXACT_PX = 1e-9
@@ -57,11 +56,11 @@ def motion_of(pose: Path_, edges_s: list[float]) -> Motion:
     return Motion(edges_s=tuple(edges_s), poses=tuple([[pose(t).tolist() for t in piece] for piece in times.tolist()]))
 
 
-def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float, target: AnyTarget = FLAT) -> MovingPlanes:
+def moving(rig: Rig, pose: Path_, shutter: Shutter, *bends_s: float, target: AnyTarget = FLAT) -> Planes:
     size_px = rig.tracer.camera.sensor.size_px
     first, end = shutter.window_s(size_px)
     motion = motion_of(pose, [first - 0.01, *bends_s, end + 0.01])
-    return MovingPlanes(planes_of(target, np.eye(4)), motion, shutter, size_px)
+    return Planes(planes_of(target, np.eye(4)), motion, shutter, size_px)
 
 
 def shifted(x: float, y: float) -> np.ndarray:
@@ -83,7 +82,7 @@ def still(rig: Rig, pose: np.ndarray, accuracy_px: float = 1e-6) -> np.ndarray:
 )
 def test_uniform_motion_before_a_rolling_shutter_lies_where_its_closed_form_says(pinhole, order, axis, sign):
     shutter = Shutter(scan_order=order, opens_s=0.002, line_s=5e-4)
-    rows = solve_moving(pinhole, moving(pinhole, lambda t: shifted(30 * t, -40 * t), shutter), slice(None), 1e-6, 0.05)
+    rows = solve_points(pinhole, moving(pinhole, lambda t: shifted(30 * t, -40 * t), shutter), slice(None), 1e-6, 0.05)
     # In a pinhole's image of a board across the axis uniform motion is uniform: y = y0 + v (opens + D line).
     first, last_line = still(pinhole, shifted(0, 0)), pinhole.tracer.camera.sensor.size_px[axis] - 1
     v = 100 * (still(pinhole, shifted(0.3, -0.4)) - first)
@@ -99,7 +98,7 @@ def test_truth_is_the_mean_over_an_exposure_in_which_the_motion_bends_and_gains_
         return shifted(100 * max(t - 0.004, 0), 20 * t + 2000 * t**2)
 
     exposed = moving(pinhole, pose, Shutter(exposure_s=0.01), 0.004)
-    rows = solve_moving(pinhole, exposed, slice(None), 1e-6, 0.05)
+    rows = solve_points(pinhole, exposed, slice(None), 1e-6, 0.05)
     mean = shifted(100 * 0.006**2 / 2 / 0.01, 20 * 0.005 + 2000 * 0.01**2 / 3)
     np.testing.assert_allclose(rows.solutions.xy_px, still(pinhole, mean), rtol=0, atol=EXACT_PX)
     way = still(pinhole, pose(0.01)) - still(pinhole, pose(0.0))
@@ -128,9 +127,9 @@ def test_each_row_is_that_of_a_still_board_at_its_own_time(kind, request):
     rig = rig_of(request.getfixturevalue(kind))
     shutter = Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4)
     planes = moving(rig, turning, shutter)
-    rows = solve_moving(rig, planes, slice(None), 1e-5, 0.05).solutions
+    rows = solve_points(rig, planes, slice(None), 1e-5, 0.05).solutions
     time = time_of_rows(rig, planes, rows).middle_s
-    assert len(rows.point) >= len(planes.of_target) and np.ptp(time) > 0.002
+    assert len(rows.point) >= len(planes.of_points) and np.ptp(time) > 0.002
     for number in range(0, len(time), 1 + len(time) // 8):
         alone = solved(rig, BOARD, turning(time[number]), 1e-5).solutions
         same = (alone.point == rows.point[number]) & (alone.cell == rows.cell[number])
@@ -149,7 +148,7 @@ def test_columns_are_the_rows_of_a_camera_that_is_turned_with_all_it_sees(order,
         (rig_of(replace(camera, sensor=sensor)), lambda t: world @ turning(t), replace(shutter, scan_order=order)),
     ):
         planes = moving(rig, pose, scan)
-        rows = solve_moving(rig, planes, slice(None), 1e-6, 0.05).solutions
+        rows = solve_points(rig, planes, slice(None), 1e-6, 0.05).solutions
         seen.append(
             (rows.xy_px - (np.array(rig.tracer.camera.sensor.size_px) - 1) / 2, time_of_rows(rig, planes, rows))
         )
@@ -172,11 +171,11 @@ def test_other_positions_of_a_moving_point_are_those_of_a_still_one_at_their_own
     rig = rig_of(rigs.conventional())
     shutter = Shutter(scan_order="leftToRight", opens_s=-0.01, line_s=2e-4, exposure_s=1e-3)
     planes = moving(rig, pose, shutter, target=target)
-    rows = solve_moving(rig, planes, slice(None), 1e-5, 0.05).solutions
-    x_px = moving_column_set(name, rig, target, planes, rows).x_px
+    rows = solve_points(rig, planes, slice(None), 1e-5, 0.05).solutions
+    x_px = column_set(name, rig, target, np.eye(4), planes, rows).x_px
 
     def still(t: float) -> np.ndarray:
-        return column_set(name, rig, target, pose(t), planes_of(target, pose(t)), rows).x_px
+        return column_set(name, rig, target, pose(t), Planes(planes_of(target, pose(t))), rows).x_px
 
     size_px = rig.tracer.camera.sensor.size_px
     own_s, that_of_j_s = (shutter.middle_s(x, size_px).tolist() for x in (x_px, rows.xy_px))
@@ -193,7 +192,7 @@ def test_a_motion_that_runs_backwards_is_that_before_the_other_scan(pinhole, ord
     _, end = there.window_s(pinhole.tracer.camera.sensor.size_px)
     back = replace(there, scan_order=other, opens_s=-end)
     one, reverse = (
-        solve_moving(pinhole, planes, slice(None), 1e-6, 0.05)
+        solve_points(pinhole, planes, slice(None), 1e-6, 0.05)
         for planes in (moving(pinhole, turning, there), moving(pinhole, lambda t: turning(-t), back))
     )
     np.testing.assert_allclose(one.solutions.xy_px, reverse.solutions.xy_px, rtol=0, atol=EXACT_PX)
@@ -204,7 +203,7 @@ def test_an_exposure_becomes_an_instant_by_its_square(pinhole):
 
     def rows(exposure_s: float) -> np.ndarray:
         shutter = replace(scan, opens_s=0.02 - exposure_s / 2, exposure_s=exposure_s)
-        return solve_moving(pinhole, moving(pinhole, turning, shutter), slice(None), 1e-6, 0.05).solutions.xy_px
+        return solve_points(pinhole, moving(pinhole, turning, shutter), slice(None), 1e-6, 0.05).solutions.xy_px
 
     instant = rows(0.0)
     long, short = (np.linalg.norm(rows(exposure_s) - instant) for exposure_s in (0.04, 0.02))
@@ -233,9 +232,8 @@ def test_what_moves_hides_a_row_as_if_it_stood_as_in_the_middle_of_the_row_s_exp
     planes = tangent_planes(pose, BOARD.points_mm())
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-4, 0.05).solutions
     bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes[rows.point])
-    on = StillPlanes(bundles.planes).at
-    share = SurroundingsInTime.of(view, shutter, rig).visibility(
-        rig, 0, rows.cell, rows.xy_px, partial(on, np.arange(len(rows.cell)))
+    share = visibility_then(
+        rig, surroundings_at(view, shutter, size_px), 0, Planes(planes, None, shutter, size_px), rows
     )
     middle_s, half_s = rows.xy_px[:, 1] * 1e-3 + exposure_s / 2, (end - first) / 64
 
@@ -252,7 +250,7 @@ def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
     shutter, counts = Shutter(scan_order="topToBottom", line_s=1e-3), set()
     for speed in (-50.0, 0.1, 50.0):
         planes = moving(pinhole, lambda t, speed=speed: shifted(0, speed * (t - 0.03)), shutter)
-        rows = solve_moving(pinhole, planes, slice(None), 1e-6, 0.05).solutions
+        rows = solve_points(pinhole, planes, slice(None), 1e-6, 0.05).solutions
         lines = time_of_rows(pinhole, planes, rows).lines
         for point in range(0, len(rows.point), 5):
             times = 1e-3 * np.arange(pinhole.tracer.camera.sensor.height_px)
@@ -268,10 +266,10 @@ def test_lines_count_how_often_a_law_of_whole_lines_has_the_point(pinhole):
 def test_the_certificate_judges_rows_at_their_own_times(pinhole):
     rig = rig_of(rigs.conventional())
     planes = moving(rig, turning, Shutter(scan_order="topToBottom", opens_s=-0.01, line_s=2e-4, exposure_s=5e-4))
-    rows = solve_moving(rig, planes, slice(None), 1e-4, 0.05).solutions
+    rows = solve_points(rig, planes, slice(None), 1e-4, 0.05).solutions
     for shift_px in (0.0, 0.01):
         x_px = rows.xy_px + np.array([0.0, shift_px])
-        judged = Rows(planes.pairs(rows.point, x_px), rows.cell, x_px, np.ones(len(x_px), bool))
+        judged = Rows(planes.exposed(rows.point, x_px), rows.cell, x_px, np.ones(len(x_px), bool))
         apart, sigma, _ = differences(rig, judged, 1e-3)
         np.testing.assert_allclose(apart[:, 1], -shift_px, rtol=0.2, atol=5 * sigma.max() + 1e-4)
 

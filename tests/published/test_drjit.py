@@ -19,7 +19,7 @@ from pipeline.frames import rigid
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.planes import StillPlanes, tangent_planes
+from pipeline.truth.planes import Planes, tangent_planes
 
 dr = pytest.importorskip("drjit", reason="needs the extra `referees`")
 
@@ -254,7 +254,7 @@ def test_derivatives_by_all_numbers_are_those_of_a_trace_that_dr_jit_differentia
     planes = tangent_planes(pose, np.array([[x, y, 0.0] for x in (-25.0, 4.0, 22.0) for y in (-18.0, 15.0)]))
     rig, steps = rig_of(camera), None
     rows = solve(rig, guesses(rig, planes)[0], planes, 1e-9, 0.05).solutions
-    x_px, cell, point, on = rows.xy_px, rows.cell, rows.point, StillPlanes(planes)
+    x_px, cell, point, on = rows.xy_px, rows.cell, rows.point, Planes(planes)
     if lattice := rig.tracer.lattice:
         microlens = rig.microlens(cell)
         steps = np.stack([lattice.k[microlens], lattice.l[microlens]], axis=1)

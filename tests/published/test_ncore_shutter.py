@@ -12,7 +12,7 @@ from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.ideal_lens import with_ideal_lens
 from pipeline.motion import Shutter
-from pipeline.truth.moving import solve_moving
+from pipeline.truth.moving import solve_points
 
 LINE_S = 5e-4
 SAME_PX = 1e-9
@@ -35,7 +35,7 @@ def test_a_board_that_flies_past_lies_where_ncore_says_but_for_the_part_of_a_lin
     rig, ideal = rig_of(camera), pinhole(camera).distorted
     size = np.array([camera.sensor.width_px, camera.sensor.height_px])
     shutter = Shutter(scan_order=order, line_s=LINE_S)
-    rows = solve_moving(
+    rows = solve_points(
         rig, moving(rig, lambda t: shifted(30 * t, -40 * t), shutter), slice(None), 1e-6, 0.05
     ).solutions
 

@@ -1,7 +1,6 @@
 """Targets and occluders of a frame, from the params of the tasks `image`, `truth` and `verify`."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -13,6 +12,8 @@ from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget, target_from_plain
 from pipeline.tasks.params.frames import PaintedView, PlacedOccluder, PlacedTarget, PlacedView
+from pipeline.truth.planes import Planes
+from pipeline.truth.rows import Solutions
 from pipeline.truth.visibility import PointBundles, visibility
 
 _TIMES = 33
@@ -33,40 +34,28 @@ def surroundings_of(view: PlacedView) -> Surroundings:
     return Surroundings(list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders)))
 
 
-@dataclass(frozen=True, slots=True)
-class SurroundingsInTime:
-    """Targets and occluders of a frame at instants (n,) [s] while a shutter is open; what is still, at one."""
+def surroundings_at(
+    view: PlacedView, shutter: Shutter | None, size_px: tuple[int, int]
+) -> tuple[np.ndarray, list[Surroundings]]:
+    """Instants (n,) [s] while a shutter is open, and targets and occluders of a frame at each; of a still, at one."""
+    if shutter is None or not moves(view):
+        return np.zeros(1), [surroundings_of(view)]
+    times_s = np.linspace(*shutter.window_s(size_px), _TIMES)
+    return times_s, [surroundings_of(view_at(view, time)) for time in times_s.tolist()]
 
-    shutter: Shutter | None
-    times_s: np.ndarray
-    at: list[Surroundings]
 
-    @classmethod
-    def of(cls, view: PlacedView, shutter: Shutter | None, rig: Rig) -> "SurroundingsInTime":
-        """Those of a view before a camera."""
-        if shutter is None or not moves(view):
-            return cls(None, np.zeros(1), [surroundings_of(view)])
-        times = np.linspace(*shutter.window_s(rig.tracer.camera.sensor.size_px), _TIMES)
-        return cls(shutter, times, [surroundings_of(view_at(view, time)) for time in times.tolist()])
-
-    def visibility(
-        self, rig: Rig, target: int, cell: np.ndarray, x_px: np.ndarray, planes_at: Callable[[np.ndarray], np.ndarray]
-    ) -> np.ndarray:
-        """Visibility of rows of a target, (n,), each at the instant nearest to the middle of its exposure.
-
-        `planes_at` returns the tangent planes (n, 4, 3) of their points at times (n,) [s].
-        """
-        when, share = np.zeros(len(x_px), np.int64), np.empty(len(x_px))
-        if self.shutter is not None:
-            middle_s = self.shutter.middle_s(x_px, rig.tracer.camera.sensor.size_px)
-            when = np.abs(middle_s[:, None] - self.times_s).argmin(axis=1)
-        # A board that comes nearer would hide its own points as they were before.
-        planes = planes_at(self.times_s[when])
-        bundles = PointBundles(rig.microlens(cell), x_px, planes)
-        for number in np.unique(when).tolist():
-            here = when == number
-            share[here], _ = visibility(rig, self.at[number], target, *bundles.only(here))
-        return share
+def visibility_then(
+    rig: Rig, around: tuple[np.ndarray, list[Surroundings]], target: int, planes: Planes, rows: Solutions
+) -> np.ndarray:
+    """Visibility of rows of a target, (n,), each at the instant of `surroundings_at` next to its middle time."""
+    (times_s, surroundings), share = around, np.empty(len(rows.point))
+    when = np.abs(planes.middle_s(rows.xy_px)[:, None] - times_s).argmin(axis=1)
+    # A board that comes nearer would hide its own points as they were before.
+    bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes.at(rows.point, times_s[when]))
+    for number in np.unique(when).tolist():
+        here = when == number
+        share[here], _ = visibility(rig, surroundings[number], target, *bundles.only(here))
+    return share
 
 
 def moves(view: PlacedView) -> bool:

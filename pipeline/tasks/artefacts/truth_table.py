@@ -11,8 +11,8 @@ from pipeline.frames import apply
 from pipeline.motion import Motion, Shutter
 from pipeline.targets.points import TargetPoints
 from pipeline.tasks.params.frames import TruthTable
-from pipeline.truth.moving import time_of_rows, time_of_still
-from pipeline.truth.planes import MovingPlanes, StillPlanes, tangent_planes
+from pipeline.truth.moving import time_of_rows
+from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.positions.column_sets import SETS, SetNote, column_names
 from pipeline.truth.rows import Correspondences, Solutions
 from pipeline.truth.settings import TruthSettings
@@ -68,11 +68,12 @@ class PosedPoints:
         """Tangent planes of all points in the vision frame, as from `truth.planes.tangent_planes`."""
         return tangent_planes(self.vision_from_target, self.points.position_mm, self.points.plane_axes)
 
-    def before(self, rig: Rig, shutter: Shutter | None, motion: Motion | None) -> StillPlanes | MovingPlanes:
+    def before(self, rig: Rig, shutter: Shutter | None, motion: Motion | None) -> Planes:
         """The planes before a camera; they may move while a shutter is open."""
-        if shutter is None or motion is None:
-            return StillPlanes(self.planes)
-        return MovingPlanes(self.of_target, motion, shutter, rig.tracer.camera.sensor.size_px)
+        if shutter is None:
+            return Planes(self.planes)
+        planes = self.planes if motion is None else self.of_target
+        return Planes(planes, motion, shutter, rig.tracer.camera.sensor.size_px)
 
 
 def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:
@@ -108,17 +109,14 @@ def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspon
     return columns if channel is None else {**columns, CHANNEL: [channel.name] * rows}
 
 
-def time_columns(rig: Rig, shutter: Shutter, solutions: Solutions, moving: MovingPlanes | None) -> Json:
+def time_columns(rig: Rig, solutions: Solutions, planes: Planes) -> Json:
     """Columns of the time of rows, and of where their points are then if they move."""
-    if moving is None:
-        time = time_of_still(shutter, rig.tracer.camera.sensor.size_px, solutions)
-    else:
-        time = time_of_rows(rig, moving, solutions)
+    time = time_of_rows(rig, planes, solutions)
     motion = time.motion_px2
     values = (time.middle_s, motion[:, 0, 0], motion[:, 0, 1], motion[:, 1, 1], time.lines)
     columns: Json = dict(zip(TIME, values, strict=True))
-    if moving is not None:
-        places = moving.middle(solutions.point, solutions.xy_px)[:, 0]
+    if planes.moves:
+        places = planes.middle(solutions.point, solutions.xy_px)[:, 0]
         columns |= dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), places.T, strict=True))
     return columns
 

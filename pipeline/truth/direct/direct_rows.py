@@ -23,9 +23,9 @@ from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
-from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Integrate, Search, errors_px, mean_hit, over_exposure
+from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search, errors_px, mean_hit
 from pipeline.truth.grid.ray_grid import matrix_4
-from pipeline.truth.planes import Pairs, Planes, StillPlanes, axes_across, faces_camera
+from pipeline.truth.planes import Exposed, PlanePair, Planes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, which_exist
 
 _AT_ONCE = 1 << 14
@@ -147,13 +147,13 @@ def solve(
     min_hit_fraction: float,
 ) -> Correspondences:
     """Solve J(x) = p for pairs and keep the rows that exist."""
-    of_points = StillPlanes(planes) if isinstance(planes, np.ndarray) else planes
+    of_points = Planes(planes) if isinstance(planes, np.ndarray) else planes
 
-    def pairs(rows: np.ndarray, x_px: np.ndarray) -> Pairs:
-        return of_points.pairs(guess.point[rows], x_px)
+    def exposed(rows: np.ndarray, x_px: np.ndarray) -> Exposed:
+        return of_points.exposed(guess.point[rows], x_px)
 
     where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.microlens(guess.cell), pairs, *where, rig.square_px)
+    search = Search(rig.tracer, rig.microlens(guess.cell), exposed, *where, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
@@ -191,7 +191,7 @@ def _with_blur(
     rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: Planes, counts: dict[str, int]
 ) -> Correspondences:
     point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    on = planes.instants(point, search.x_px[rows])
+    on = planes.middle(point, search.x_px[rows])
     blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], on, jacobian, moments)
     x, y = search.x_px[rows].T
     solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)))
@@ -211,22 +211,18 @@ def blur_of(
     rig: Rig,
     cell: Int64[np.ndarray, "n"],
     x_px: Float64[np.ndarray, "n 2"],
-    on: Pairs,
+    planes: Float64[np.ndarray, "n 4 3"],
     jacobian: Float64[np.ndarray, "n 2 2"],
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the rows' own bundles, and the number of traced rays.
 
-    `on` are the tangent planes of each row's point at an instant, `jacobian` is the derivative of J [mm per px], and
+    `planes` are the tangent planes of each row's point at an instant, `jacobian` is the derivative of J [mm per px],
     `moments` are those of the bundles; bundles that start on squares are traced again from the positions.
     """
-    microlens, rays, planes = rig.microlens(cell), 0, on.planes[:, 0, 0]
-
-    def at_level(level: int) -> Integrate:
-        return lambda planes: integrals(rig.tracer, Bundles(x_px, microlens, planes), level)
-
+    microlens, rays = rig.microlens(cell), 0
     if rig.square_px:
-        of_points = over_exposure(on, at_level(BLUR_LEVEL))
+        of_points = integrals(rig.tracer, Bundles(x_px, microlens, PlanePair.twice(planes).both), BLUR_LEVEL)
         moments, rays = of_points.moments, of_points.rays
     blurred = blur.in_image(blur.spread(moments), jacobian)
     z = planes[:, 0, 2]
@@ -234,7 +230,7 @@ def blur_of(
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
     steep = is_steep(rig.tracer.camera.prescription, planes[:, 0])
     upright[steep] = _across(rig, planes[steep, 0])
-    across = over_exposure(dataclasses.replace(on, planes=upright[:, None]), at_level(0))
+    across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
     _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
     return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
 
@@ -253,14 +249,14 @@ def with_own_bundles(
     """Rows with light and blur of their own bundles, as `direct` has them; rows too dark are dropped and counted."""
     solutions, on = rows.solutions, planes[rows.solutions.point]
     x_px = solutions.xy_px
-    wanted = Bundles(x_px, rig.microlens(solutions.cell), np.stack([on, on], axis=1), rig.square_px)
+    wanted = Bundles(x_px, rig.microlens(solutions.cell), PlanePair.twice(on).both, rig.square_px)
     bundles = integrals(rig.tracer, wanted, BLUR_LEVEL)
     # That of the search is over steps of the grid, where J may bend.
     held = Held(rig.tracer, wanted, BLUR_LEVEL, STEADY)
     by_position = mean_hit(by_x(lambda x: held.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px))
     is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
     jacobian = np.where(is_known, by_position, solutions.jacobian)
-    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, Pairs.still(on), jacobian, bundles.moments)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, jacobian, bundles.moments)
     hit_fraction = rig.hit_fraction(bundles.moments)
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
     whole = dataclasses.replace(solutions, jacobian=jacobian)

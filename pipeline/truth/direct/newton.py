@@ -19,7 +19,7 @@ from pipeline.records.shapes import Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
 from pipeline.truth.direct.starts import AROUND_PX, BEYOND_PX, MayExist, least_miss
-from pipeline.truth.planes import Pairs
+from pipeline.truth.planes import Exposed
 
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
@@ -56,18 +56,18 @@ GRACE_PX, NEARLY_PX = 1.0, 0.25
 way, where it also counts for where the next step leads, and once steps are shorter than `_ROUGH_PX`, when five more
 would have to add up.
 """
-PairsOf = Callable[[np.ndarray, np.ndarray], Pairs]
+ExposedAt = Callable[[np.ndarray, np.ndarray], Exposed]
 """Function of row indices (m,) and image positions (m, 2) that returns their planes."""
 Integrate = Callable[[np.ndarray], Integral]
 """Function of planes (n, 2, 4, 3) of rows that returns their integrals."""
 
 
-def over_exposure(pairs: Pairs, integrate: Integrate) -> Integral:
-    """The mean of the integrals on the planes of all stretches, by their shares."""
-    first, *others = (integrate(pairs.planes[:, stretch]) for stretch in range(pairs.share.shape[1]))
+def over_exposure(exposed: Exposed, integrate: Integrate) -> Integral:
+    """The mean of the integrals on the planes of all stretches, by their weights."""
+    first, *others = (integrate(pair.both) for pair in exposed.stretches)
     if not others:
         return first
-    share = pairs.share[:, :, None]
+    share = exposed.weights[:, :, None]
     moments, error_mm = share[:, 0] * first.moments, share[:, 0] * first.error_mm
     is_random, rays = first.is_random, first.rays
     for stretch, part in enumerate(others, 1):
@@ -109,7 +109,7 @@ class Search:
         self,
         tracer: Tracer,
         microlens: Int64[np.ndarray, "n"],
-        planes: PairsOf,
+        planes: ExposedAt,
         x_px: Float64[np.ndarray, "n 2"],
         home_px: Float64[np.ndarray, "n 2"],
         square_px: float = 0.0,
@@ -132,7 +132,7 @@ class Search:
         It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
         """
         rows = self._leave_the_dark(may_exist)
-        planes = self.planes(rows, self.x_px[rows]).planes[:, 0, 0]
+        planes = self.planes(rows, self.x_px[rows]).first.near
         self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], planes)
         self.inverse[rows] = inverse(self.jacobian[rows])
         # Obstructions cut bundles in their middle: their means then move otherwise than chief rays.
@@ -174,7 +174,7 @@ class Search:
         rows = rows[~self.is_random[rows] & ~(radius_px * self.bend[rows] <= accuracy_px)]
         x_px, microlens = self.x_px[rows], self.microlens[rows]
 
-        bundles = Bundles(x_px, microlens, self.planes(rows, x_px).planes[:, 0], self.square_px)
+        bundles = Bundles(x_px, microlens, self.planes(rows, x_px).first.both, self.square_px)
         held = Held(self.tracer, bundles, BLUR_LEVEL, STEADY)
 
         def moments(x_px: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from pipeline.targets.patterns.pattern import Pattern
 from pipeline.targets.surfaces import Patch
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.candidates import chief_points
-from pipeline.truth.planes import MovingPlanes
+from pipeline.truth.planes import Planes
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
 from pipeline.truth.rows import Solutions
@@ -150,28 +150,18 @@ def column_names(name: str) -> tuple[str, str]:
 
 
 def column_set(
-    name: str,
-    rig: Rig,
-    target: AnyTarget,
-    pose: Float64[np.ndarray, "4 4"],
-    planes: Float64[np.ndarray, "p 4 3"],
-    rows: Solutions,
+    name: str, rig: Rig, target: AnyTarget, pose: Float64[np.ndarray, "4 4"], planes: Planes, rows: Solutions
 ) -> ColumnSet:
-    """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points."""
-    return _MAKERS[name](rig, target, pose, planes[rows.point], rows)
-
-
-def moving_column_set(name: str, rig: Rig, target: AnyTarget, moving: MovingPlanes, rows: Solutions) -> ColumnSet:
-    """The positions of one set of a target that moves: each is that of the still target in the middle of the exposure
-    at this position.
+    """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points; of
+    one that moves, each is that of the still target in the middle of the exposure at this position.
     """
-    axis, make = moving.shutter.axis, _MAKERS[name]
+    axis, make = planes.shutter.axis, _MAKERS[name]
     x, before, miss_before = rows.xy_px.copy(), rows.xy_px, np.zeros(len(rows.point))
     for _ in range(_TURNS):
-        poses = moving.motion.at(moving.shutter.middle_s(x, moving.size_px))
-        result = make(rig, target, poses, moving.middle(rows.point, x), rows)
+        poses = pose if planes.motion is None else planes.motion.at(planes.middle_s(x))
+        result = make(rig, target, poses, planes.middle(rows.point, x), rows)
         miss = result.x_px[:, axis] - x[:, axis]
-        if not (moving.shutter.line_by_px_s and (np.abs(miss) > _SETTLED_PX).any()):
+        if not (planes.moves and planes.shutter.line_by_px_s and (np.abs(miss) > _SETTLED_PX).any()):
             break
         # Only the place along the scan counts for the time: the secant's step, and first that of the position itself.
         with np.errstate(invalid="ignore", divide="ignore"):
