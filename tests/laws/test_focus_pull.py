@@ -16,7 +16,7 @@ from pipeline.files.tables import read_table
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.scene.load import load, open_dataset
 
-_RAYS = "            uniform bool plen:truth:rays = true\n"
+_RAYS = "            uniform bool plen:truth:rays = 1\n"
 _SENSOR = '        over "Sensor"\n        {\n'
 _SEED = "    uniform int plen:seed = 3\n"
 _EXPORTS = f'{_SEED}    uniform token[] plen:exports = ["colmap", "opencv"]\n'

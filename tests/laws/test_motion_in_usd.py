@@ -20,7 +20,7 @@ SHARES = {"Rig": 0.25, "Board": 1.0, "Ball": -0.5, "Lamp": 2.0}
 """What of the motion each of them takes."""
 TIMES, X = (0.0, 1.0, 1.125, 2.0, 3.0), (-4.0, 0.0, 1.0, 4.0, 4.5)
 ORDER = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:translateX"]'
-RAYS = "            uniform bool plen:truth:rays = true\n"
+RAYS = "            uniform bool plen:truth:rays = 1\n"
 SHUTTER = """over "Camera" {
 uniform double2 plen:shutter:lineOffset = (1, 24000)
 uniform double2 plen:shutter:exposure = (1, 500)

@@ -293,7 +293,7 @@ def stage(folder: Path, shutter: str, places: tuple[str, str], *edits: tuple[str
         "conventional",
         (_ORIENTS, "1: (1, 0, 0, 0),"),
         (_PLACES, f"1: {places[0]},\n            2: {places[1]},"),
-        ("            uniform bool plen:truth:rays = true\n", lines),
+        ("            uniform bool plen:truth:rays = 1\n", lines),
         ("endTimeCode = 2", "endTimeCode = 1"),
         *edits,
     )

@@ -20,7 +20,7 @@ def stage(folder: Path, focus: str = " = 420", shutter: str = _OPEN, sensor: str
     camera = f"{_FOCUS}{focus}\ndouble plen:camera:sensorDistance = None\n{shutter}"
     lens = f'over "Lens"\n{{\nover "Stop"\n{{\n{stop}\n}}\n}}\n'
     opening = 'over "Sensor"\n        {\n'
-    rays = "            uniform bool plen:truth:rays = true\n"
+    rays = "            uniform bool plen:truth:rays = 1\n"
     text = tiny_text("conventional", (rays, camera), (opening, f"{lens}{opening}{sensor}\n"))
     for name in ("orient", "translate"):
         before, _, rest = text.partition(f"xformOp:{name}.timeSamples = {{\n            1: ")
