@@ -23,7 +23,7 @@ SMALL = {
         ("Aperture = 24", "Aperture = 6"),
         ("(32, 24)", "(8, 6)"),
         ("image:samples = 64", "image:samples = 4"),
-        ("rays = true", "rays = false"),
+        ("rays = 1", "rays = false"),
         ("            uniform int plen:truth:samples = 64\n", ""),
     ),
     "plenoptic": (

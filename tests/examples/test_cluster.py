@@ -13,7 +13,7 @@ from stage_text import tiny_text
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
     """Six tasks on three levels: one frame, without position images."""
-    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 1"), ("rays = true", "rays = false"))
+    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 1"), ("rays = 1", "rays = false"))
     path = tmp_path_factory.mktemp("stage") / "few.usda"
     path.write_text(text, encoding="utf-8")
     return path

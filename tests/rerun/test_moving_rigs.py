@@ -41,7 +41,7 @@ def moves(poses: dict[int, np.ndarray]) -> str:
 def stage_of(rig: dict[int, np.ndarray], board: dict[int, np.ndarray]) -> str:
     """The tiny dataset with three frames and poses in the world of the rig and of the board."""
     samples = ("plen:image:samples = 64", "plen:image:samples = 16")
-    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 3"), ("rays = true", "rays = false"), samples)
+    text = tiny_text("conventional", ("endTimeCode = 2", "endTimeCode = 3"), ("rays = 1", "rays = false"), samples)
     before, _, rest = text.partition("        quatd xformOp:orient.timeSamples")
     end = rest.partition('["xformOp:translate", "xformOp:orient"]\n')[2]
     text = before + moves(board) + end
