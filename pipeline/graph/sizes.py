@@ -10,6 +10,8 @@ import numpy as np
 
 from pipeline.camera.figures.outlook import microlenses_lit, outlook
 from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.pupil.outlines import lit_share
+from pipeline.camera.tracer import Tracer
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
 from pipeline.engine.planning.graph import TaskGraph
@@ -80,8 +82,8 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
         glows = "view" in params and params["view"]["lighting"] is None
-        if params.get("is_smooth"):  # quadrature knows it
-            rays = 0.0
+        if params.get("is_smooth"):
+            rays *= _are_dark_at_an_end(as_json(focus), first, end)
         elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
             ray_s = _SECONDS_PER_MET
         elif "view" in params and not glows:
@@ -92,9 +94,24 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 
+def _are_dark_at_an_end(focus: bytes, first: int, end: int) -> bool:
+    """Whether the image circle ends within some rows: quadrature knows a white image where all of its rows are lit."""
+    (width, height), lit = _lit(focus)
+    return math.hypot(width, max(height - 2 * first, 2 * end - height)) > lit * math.hypot(width, height)
+
+
+@lru_cache(maxsize=8)
+def _lit(focus: bytes) -> tuple[tuple[int, int], float]:
+    """Size of the sensor [px], and the share of the way from its middle to its farthest corner that light reaches."""
+    camera = focused(from_plain(AskedCamera, json.loads(focus)).asked)
+    sensor, tracer = camera.sensor, Tracer(camera)
+    way_mm = np.array([(sensor.offset_x_mm, sensor.offset_y_mm), sensor.farthest_corner_mm])
+    return (sensor.width_px, sensor.height_px), lit_share(tracer.table, tracer.stop_row, *tracer.on_film(way_mm))
+
+
 @lru_cache(maxsize=8)
 @np.errstate(all="ignore")  # what is not finite takes all rays
-def _share_sampled(focus: str, targets: str) -> float:
+def _share_sampled(focus: bytes, targets: bytes) -> float:
     """Share of the pixels that take rays in an image of flat targets that glow: those whose light comes from both sides
     of an edge, by the length of all edges and the blur there.
     """

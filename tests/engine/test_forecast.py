@@ -8,6 +8,7 @@ import pytest
 from engine import toy
 from laws.solving import planes_of
 
+from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.options import ALONE, BuildOptions
@@ -18,7 +19,7 @@ from pipeline.engine.running.session import build, forecast_of, plan_of
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.sizes import assumed_cost
 from pipeline.render.glow import TargetLight
-from pipeline.render.imaging import colours
+from pipeline.render.imaging import colours, known_white_parts
 from pipeline.render.pixel_rays import Band
 from pipeline.scene.load import open_dataset
 from pipeline.targets.patterns.circles import CircleGrid
@@ -105,6 +106,20 @@ def test_the_rays_of_a_first_plan_are_those_that_the_images_take(board, width_px
     seen = colours(band, [TargetLight([(target.target, pose)], dataset.background) for pose in poses])
     reckoned = sum(assumed_cost(graph, name).rays for name in graph)
     assert 0.5 < reckoned / (64 * np.isnan(seen[:, 0]).sum()) < 2.0
+
+
+@pytest.mark.parametrize(("size_px", "sampled"), [((250, 260), 4), ((200, 250), 2), ((150, 150), 0)])
+def test_white_rows_in_which_the_image_circle_ends_take_rays(size_px, sampled):
+    """A circle of 283 px: quadrature knows tiles that are lit to both ends, as it is asked here. A small dataset of a
+    fisheye took three times as long as was said.
+    """
+    dataset = open_dataset(Path(__file__).parents[2] / "examples/10_fisheye/dataset.usda")
+    sensor = Sensor(width_px=size_px[0], height_px=size_px[1], pitch_mm=0.08)
+    camera = replace(dataset.cameras[0], asked=replace(dataset.cameras[0].asked, sensor=sensor), image_samples=400)
+    graph, rig = graph_of(replace(dataset, cameras=(camera,)))[0], Rig.of(Tracer(camera.camera))
+    tiles = [name for name in graph if name.startswith("white_tile/")]
+    taken = [known_white_parts(rig, tuple(graph[name].params["rows"])) is None for name in tiles]
+    assert ([assumed_cost(graph, name).rays > 0 for name in tiles], sum(taken)) == (taken, sampled)
 
 
 def test_times_under_load_and_for_loading_code_are_no_part_of_a_forecast():
