@@ -90,8 +90,8 @@ def main() -> None:
 
 def measure(side: Side, stage: str, turns: int) -> dict[str, float]:
     """Processor time of the tables of a stage with all that they need, and of the certificate [s]."""
-    until(side, stage, f"focus/{CAMERA}", "kernels")  # a build compiles what all its tasks need
-    start = min(until(side, stage, f"focus/{CAMERA}", f"start{turn}") for turn in range(turns))
+    until(side, stage, f"camera/{CAMERA}", "kernels")  # a build compiles what all its tasks need
+    start = min(until(side, stage, f"camera/{CAMERA}", f"start{turn}") for turn in range(turns))
     truth = until(side, stage, f"truth/{CAMERA}/*", "truth")
     for turn in range(turns):
         shutil.copytree(folder(side, stage, "truth"), folder(side, stage, f"judged{turn}"))

@@ -18,7 +18,7 @@ from pathlib import Path
 from beside import BEFORE, EXAMPLE_02, ROOT, Side, sides
 from kept import keep
 
-FOCUS = ("--until", "focus/Rig.Camera")
+FOCUS = ("--until", "camera/Rig.Camera")
 
 
 def main() -> None:

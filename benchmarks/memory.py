@@ -197,8 +197,9 @@ def measure(bench: Bench, folder: Path, size: tuple[int, int]) -> list[dict[str,
     """All kinds of tasks; what each took."""
     print("task                                  peak MB     CPU s")
     rig, searched = graph_with(folder, size, "direct"), graph_with(folder, size, "two-plane")
-    for kind in ("focus", "planes", "pinhole"):
-        bench.run(rig, f"{kind}/{CAMERA}", kind)
+    bench.run(rig, f"camera/{CAMERA}", "camera")
+    bench.run(rig, f"camera/{CAMERA}/planes", "camera with planes")
+    bench.run(rig, f"pinhole/{CAMERA}", "pinhole")
     bench.run_all(rig, "micro_images_tile")
     bench.run(rig, f"micro_images/{CAMERA}", "micro_images")
     bench.one_for_all(searched, "rays_tile")

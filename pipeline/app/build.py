@@ -305,9 +305,8 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
     for task in tasks:
         kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
         steps.add(_STEP_OF_KIND.get(kind, "lens"))
-        if task.short_kind == "focus":
-            camera = task.params["camera"] or task.params["request"]
-            array, surfaces = camera["microlenses"], camera["prescription"]["surfaces"]
+        if task.short_kind == "camera":
+            array, surfaces = task.params["microlenses"], task.params["prescription"]["surfaces"]
             if any(row["conic"] or row["even_coefficients"] or row["odd_coefficients"] for row in surfaces):
                 steps.add("aspheres")
             if array and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0):

@@ -4,20 +4,15 @@ Neither the store nor the original stage is read. It finds accidents and mistake
 digests, too.
 """
 
-import dataclasses
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.app.build import project
-from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.camera import Camera
-from pipeline.camera.parts.spectrum import Channel
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.channel_names import body_and_channel
 from pipeline.engine.output import manifest
 from pipeline.engine.output.manifest import Manifest
 from pipeline.engine.planning.graph import TaskGraph
@@ -30,8 +25,7 @@ from pipeline.graph.variants import without_pictures
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
 from pipeline.tasks.certificate import certificate
-from pipeline.tasks.params.cameras import AskedCamera, BehindWindows, Planes
-from pipeline.tasks.params.frames import PlacedTarget, Truth, TruthTable
+from pipeline.tasks.params.frames import PlacedTarget, Truth
 
 _STAGE = "dataset.usda"
 _STREAM = 0x7E51
@@ -55,16 +49,6 @@ class Verdict:
         return {"agrees": self.agrees, "problems": self.problems, "cameras": self.cameras}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _JudgedCamera:
-    """A camera of the stage; the file of each of its tables has the targets of its frame, in the table's order."""
-
-    camera: Camera
-    square_px: float
-    truth: TruthTable  # settings that all of its tables share
-    tables: dict[str, tuple[PlacedTarget, ...]]
-
-
 def verify(out: str | Path, seed: int = 1) -> Verdict:
     """Check the files of a folder against its manifest and its stage, and a sample of the rows of its tables.
 
@@ -86,7 +70,7 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     verdict.problems.extend(_wrong_list(build if listed.has_pictures else without_pictures(build), listed))
     for name in build.findings["certificate"]:
         try:
-            verdict.cameras[name] = _certificate(out, _judged_camera(build, name), seed)
+            verdict.cameras[name] = _certificate(out, build, name, seed)
         except (PipelineError, OSError, ValueError, LookupError) as error:  # of a table that is not as it was built
             verdict.problems.append(f"camera {name} cannot be judged by its tables: {error}")
     return verdict
@@ -125,40 +109,16 @@ def _wrong_list(build: Project, listed: Manifest) -> Iterator[str]:
         yield f"{printable(name)} is no file of a build of the stage"
 
 
-def _certificate(out: Path, judged: _JudgedCamera, seed: int) -> Json:
+def _certificate(out: Path, build: Project, name: str, seed: int) -> Json:
     """The certificate of a camera, for rows and by random rays that the seed draws."""
-    tracer = Tracer(judged.camera, judged.truth.seed ^ (_STREAM + seed))
-    rig = Rig.of(tracer, judged.square_px)
-    tables = [(targets, read_table(out / file)) for file, targets in judged.tables.items()]
-    return certificate(rig, tables, judged.truth.shutter, judged.truth.settings.claim_px, seed)
-
-
-def _judged_camera(build: Project, name: str) -> _JudgedCamera:
-    """A camera of a project, with the parameters of its tasks."""
     graph = build.graph
     truths = {task: from_plain(Truth, graph[task].params) for task in graph if task.startswith(f"truth/{name}/")}
     first = next(iter(truths.values()))
+    camera = from_plain(Camera, graph[graph[f"certificate/{name}"].reads["camera"]].params)
+    rig = Rig.of(Tracer(camera, first.table.seed ^ (_STREAM + seed)), first.square_px)
     file_of = {source[0]: path for path, source in build.files.items() if not isinstance(source, bytes)}
-    return _JudgedCamera(
-        camera=_camera(graph, name),
-        square_px=first.square_px,
-        truth=first.table,
-        tables={file_of[task]: _targets(graph, task, truth) for task, truth in truths.items()},
-    )
-
-
-def _camera(graph: TaskGraph, name: str) -> Camera:
-    """The camera that the tasks `focus`, `planes`, `windows` if any and, of a channel, `channel` would make."""
-    body, channel = body_and_channel(name)
-    focus = from_plain(AskedCamera, graph[f"focus/{body}"].params)
-    planes = from_plain(Planes, graph[f"planes/{body}"].params)
-    camera = focused(dataclasses.replace(solved(focus.asked), **dataclasses.asdict(planes)))
-    if channel:
-        camera = camera.in_light(from_plain(Channel, graph[f"channel/{name}"].params))
-    if f"windows/{name}" not in graph:
-        return camera
-    before = from_plain(BehindWindows, graph[f"windows/{name}"].params)
-    return camera.behind(before.windows, before.wavelength_nm)
+    tables = [(_targets(graph, task, truth), read_table(out / file_of[task])) for task, truth in truths.items()]
+    return certificate(rig, tables, first.table.shutter, first.table.settings.claim_px, seed)
 
 
 def _targets(graph: TaskGraph, task: str, truth: Truth) -> tuple[PlacedTarget, ...]:

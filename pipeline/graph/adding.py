@@ -15,7 +15,7 @@ from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, NoiseCheck, Noth
 from pipeline.tasks.params.frames import Image
 
 _MODULES = {
-    "camera": ("focus", "channel", "windows", "stop", "planes", "pinhole", "first_order"),
+    "camera": ("camera", "pinhole", "first_order"),
     "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
     "derivatives": ("derivatives", "varied"),
     "labels": ("labels", "labels_tile"),

@@ -15,8 +15,9 @@ from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.derivatives import add_derivatives
 from pipeline.graph.exports import add_exports
-from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of, seen_through
+from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of
 from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
+from pipeline.graph.settled import camera_task
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
 from pipeline.render.sensor.response import Irradiation
 from pipeline.scene.dataset import CameraEntry, Dataset
@@ -49,7 +50,7 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
             parts = cameras.Parts(meters_per_unit=dataset.meters_per_unit, up_axis=dataset.up_axis)
-            task = add(graph, f"parts/{camera.name}", parts, {"camera": seen_through(graph, camera)})
+            task = add(graph, f"parts/{camera.name}", parts, {"camera": camera_task(graph, camera)})
             files[camera.parts_file] = (task, cameras.PARTS)
             _add_poses(graph, files, dataset, camera)
             for seen in camera.in_channels:
@@ -98,16 +99,11 @@ def _add_poses(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
 
 def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     name, folder = entry.name, f"cameras/{entry.name}"
-    planes = cameras.Planes(
-        near_mm=entry.asked.near_mm,
-        far_mm=entry.asked.far_mm,
-        circle_of_confusion_px=entry.asked.circle_of_confusion_px,
-    )
-    reads = {"camera": add(graph, f"focus/{name}", cameras.AskedCamera.of(entry.asked))}
-    settled = {"camera": seen_through(graph, entry), "planes": add(graph, f"planes/{name}", planes, reads)}
-    pinhole = add(graph, f"pinhole/{name}", cameras.Nothing(), settled)
-    alone = {"alone": reads["camera"]} if entry.windows and entry.channels else {}
-    report = add(graph, f"first_order/{name}", labels_of(entry), {**settled, "pinhole": pinhole, **alone})
+    reads = {"camera": camera_task(graph, entry, has_planes=True)}
+    pinhole = add(graph, f"pinhole/{name}", cameras.Nothing(), reads)
+    if entry.windows and entry.channels:
+        reads["alone"] = camera_task(graph, entry, is_alone=True)
+    report = add(graph, f"first_order/{name}", labels_of(entry), {**reads, "pinhole": pinhole})
     files[f"{folder}/camera.json"] = (report, "camera.json")
     if entry.shutter:
         files[f"{folder}/{cameras.TIMES}"] = (report, cameras.TIMES)
@@ -115,16 +111,18 @@ def _add_camera(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) 
 
 def _add_light(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry) -> None:
     """The tasks that follow the light of a camera, or of one of its channels: bundles and white images."""
-    name, folder, reads = entry.full_name, f"cameras/{entry.folder}", {"camera": f"focus/{entry.name}"}
-    if entry.channel is not None:
-        reads = {"camera": add(graph, f"channel/{name}", dataclasses.replace(entry.channel, name=""), reads)}
+    name, folder, reads = (
+        entry.full_name,
+        f"cameras/{entry.folder}",
+        {"camera": camera_task(graph, entry, is_alone=True)},
+    )
     if entry.delivers_rays or entry.truth.searches:
-        settled = {**reads, "planes": f"planes/{entry.name}"}
-        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, settled), "rays.exr")
+        with_planes = {"camera": camera_task(graph, entry, is_alone=True, has_planes=True)}
+        files[f"{folder}/rays.exr"] = (_add_rays(graph, entry, with_planes), "rays.exr")
     files |= _white_files(_add_white(graph, entry, reads, name), f"{folder}/white", f"{folder}/")
     for f_number in entry.f_numbers:
         shown = shown_f_number(f_number)
-        stopped = add(graph, f"stop/{name}/{shown}", cameras.Stop(f_number=f_number), reads)
+        stopped = camera_task(graph, entry, is_alone=True, f_number=f_number)
         at = f"{folder}/white/{shown}"
         white = _add_white(graph, entry, {"camera": stopped}, f"{name}/{shown}")
         files |= _white_files(white, at, f"{at}.")
@@ -218,10 +216,10 @@ def add_raw(graph: TaskGraph, files: dict[str, Source], entry: CameraEntry, data
     name, response, irradiation, sensor = entry.name, entry.response, entry.irradiation, entry.asked.sensor
     if response is None or irradiation is None:
         return
-    of_cameras = {"camera": seen_through(graph, entry)}
+    of_cameras = {"camera": camera_task(graph, entry)}
     seen = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
     channels = [radiance.channel for radiance in irradiation.channels]
-    of_cameras |= {f"camera_{channel}": seen_through(graph, seen[channel]) for channel in channels if channel}
+    of_cameras |= {f"camera_{channel}": camera_task(graph, seen[channel]) for channel in channels if channel}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:

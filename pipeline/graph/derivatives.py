@@ -3,8 +3,8 @@
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.graph.adding import add
-from pipeline.graph.frame_tasks import seen_through, settled_camera
 from pipeline.graph.poses import Things, target_poses
+from pipeline.graph.settled import camera_task, settled
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.tasks.params import cameras, frames
 from pipeline.tasks.params.outputs import DERIVATIVES
@@ -15,13 +15,13 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
     numbers = dataset.varied.get(camera.prim_path, ())
     for place, entry in enumerate(camera.in_channels if numbers else ()):
         ends = [tuple(_entry_in(end, camera, place) for end in (number.less, number.more)) for number in numbers]
-        settled = settled_camera(entry)
+        settled_here = settled(entry)
         changed = tuple(
-            cameras.VariedCamera(number=number, less=settled_camera(less), more=settled_camera(more))
+            cameras.VariedCamera(number=number, less=settled(less), more=settled(more))
             for number, (less, more) in enumerate(ends)
-            if settled_camera(less) != settled or settled_camera(more) != settled
+            if settled(less) != settled_here or settled(more) != settled_here
         )
-        reads = {"camera": seen_through(graph, entry)}
+        reads = {"camera": camera_task(graph, entry)}
         if changed:
             reads["varied"] = add(graph, f"varied/{entry.full_name}", cameras.VariedCameras(cameras=changed))
         things = [tuple(Things(end, painted=False) for end in (number.less, number.more)) for number in numbers]

@@ -9,8 +9,8 @@ from pipeline.exports.noise import Noise
 from pipeline.exports.writer_code import code_of_writer
 from pipeline.formats import Format, Reads, folder_of, format_of
 from pipeline.graph.adding import add
-from pipeline.graph.frame_tasks import seen_through
 from pipeline.graph.poses import Things, target_poses
+from pipeline.graph.settled import camera_task
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.tasks.params.frames import PlacedView
 from pipeline.tasks.params.outputs import Export, SeenFrame, SightedCamera
@@ -71,8 +71,7 @@ class _Read:
 
     def _sighted(self, seen: CameraEntry) -> SightedCamera:
         return SightedCamera(
-            camera_role=self._role(seen_through(self.graph, seen)),
-            planes_role=self._role(f"planes/{seen.name}"),
+            camera_role=self._role(camera_task(self.graph, seen, has_planes=True)),
             seed=seen.sampling.seed,
             square_px=seen.square_px,
             min_hit_fraction=seen.truth.min_hit_fraction,

@@ -13,6 +13,7 @@ from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply, inverse
 from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
 from pipeline.graph.poses import Things, matrix, target_poses
+from pipeline.graph.settled import camera_task
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.motion import Shutter
 from pipeline.records.plain import Shared, to_plain
@@ -49,23 +50,6 @@ def channel_label(entry: CameraEntry) -> cameras.ChannelLabel | None:
 def light_of(entry: CameraEntry) -> cameras.BundleLight:
     """The light of a camera's bundles."""
     return cameras.BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
-
-
-def seen_through(graph: TaskGraph, entry: CameraEntry) -> str:
-    """The task that makes the camera as it sees the scene: focused, in its channel, behind windows in the world."""
-    camera = f"{'channel' if entry.channel else 'focus'}/{entry.full_name}"
-    if entry.windows is None or (name := f"windows/{entry.full_name}") in graph:
-        return camera if entry.windows is None else name
-    params = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
-    return add(graph, name, params, {"camera": camera})
-
-
-def settled_camera(entry: CameraEntry) -> cameras.SettledCamera:
-    """A camera with its channel, without the name of that, and with its windows."""
-    channel, windows = entry.channel and replace(entry.channel, name=""), None
-    if entry.windows is not None:
-        windows = cameras.BehindWindows(windows=entry.windows, wavelength_nm=entry.wavelength_nm)
-    return cameras.SettledCamera(asked=cameras.AskedCamera.of(entry.asked), channel=channel, windows=windows)
 
 
 def frame_of(task: Task, field: str | None) -> int | None:
@@ -122,7 +106,7 @@ class FrameTasks:
         self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
         self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
         self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        self._reads = {"camera": seen_through(graph, entry)}
+        self._reads = {"camera": camera_task(graph, entry)}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
         self._judged: list[frames.JudgedFrame] = []
@@ -267,13 +251,13 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             camera_motion=motions.camera if motions and in_world else None,
         )
         name = f"{entry.name}/{frame.number:04d}"
-        reads = {"camera": seen_through(graph, entry)}
+        reads = {"camera": camera_task(graph, entry)}
         together = f"labels/{entry.name}"
         if later := following.get(frame.number):
             then = _in_frame(dataset, entry, later)
             whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
             if then.name != entry.name:
-                reads["next"], together = seen_through(graph, then), f"labels/{entry.name}/{then.name}"
+                reads["next"], together = camera_task(graph, then), f"labels/{entry.name}/{then.name}"
         if whole.view.lighting:
             reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from pipeline.camera.figures.outlook import microlenses_lit, outlook
-from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer
 from pipeline.engine.planning.explain import duration
@@ -23,7 +23,6 @@ from pipeline.records.plain import from_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.targets.drawing import CHECKS, DISC, POLYGON, SPOKES
 from pipeline.targets.target import target_from_plain
-from pipeline.tasks.params.cameras import AskedCamera
 
 SECONDS_PER_RAY = 1e-7
 """Processor time of one ray of an image or a bundle [s]: tiles of white images took 85 ns through 12 surfaces and 40 ns
@@ -72,38 +71,36 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
     params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
     how = params.get("sampling") or params.get("exposure")
-    while "camera" in graph[name].reads:
-        name = graph[name].reads["camera"]
-    focus = graph[name].params
+    camera = graph[graph[name].reads.get("camera", name)].params
     if params.get("points") and params.get("view"):
-        more_s = _seconds_of_pairs(params, focus)
+        more_s = _seconds_of_pairs(params, from_plain(Camera, camera))
     if how and not params.get("tiles") and not params.get("number"):
-        sensor = (focus["camera"] or focus["request"])["sensor"]
+        sensor = camera["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
         glows = "view" in params and params["view"]["lighting"] is None
         if params.get("is_smooth"):
-            rays *= _are_dark_at_an_end(as_json(focus), first, end)
+            rays *= _are_dark_at_an_end(as_json(camera), first, end)
         elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
             ray_s = _SECONDS_PER_MET
         elif "view" in params and not glows:
             bounces = params["view"]["lighting"]["bounces"]
             ray_s = _SECONDS_PER_SURFACE * sum(_GOING_ON**met for met in range(bounces + 1))
         elif glows:
-            rays *= _share_sampled(as_json(focus), as_json(params["view"]["targets"]))
+            rays *= _share_sampled(as_json(camera), as_json(params["view"]["targets"]))
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 
-def _are_dark_at_an_end(focus: bytes, first: int, end: int) -> bool:
+def _are_dark_at_an_end(plain: bytes, first: int, end: int) -> bool:
     """Whether the image circle ends within some rows: quadrature knows a white image where all of its rows are lit."""
-    (width, height), lit = _lit(focus)
+    (width, height), lit = _lit(plain)
     return math.hypot(width, max(height - 2 * first, 2 * end - height)) > lit * math.hypot(width, height)
 
 
 @lru_cache(maxsize=8)
-def _lit(focus: bytes) -> tuple[tuple[int, int], float]:
+def _lit(plain: bytes) -> tuple[tuple[int, int], float]:
     """Size of the sensor [px], and the share of the way from its middle to its farthest corner that light reaches."""
-    camera = focused(from_plain(AskedCamera, json.loads(focus)).asked)
+    camera = from_plain(Camera, json.loads(plain))
     sensor, tracer = camera.sensor, Tracer(camera)
     way_mm = np.array([(sensor.offset_x_mm, sensor.offset_y_mm), sensor.farthest_corner_mm])
     return (sensor.width_px, sensor.height_px), lit_share(tracer.table, tracer.stop_row, *tracer.on_film(way_mm))
@@ -111,11 +108,11 @@ def _lit(focus: bytes) -> tuple[tuple[int, int], float]:
 
 @lru_cache(maxsize=8)
 @np.errstate(all="ignore")  # what is not finite takes all rays
-def _share_sampled(focus: bytes, targets: bytes) -> float:
+def _share_sampled(plain: bytes, targets: bytes) -> float:
     """Share of the pixels that take rays in an image of flat targets that glow: those whose light comes from both sides
     of an edge, by the length of all edges and the blur there.
     """
-    camera, share = focused(from_plain(AskedCamera, json.loads(focus)).asked), 0.0
+    camera, share = from_plain(Camera, json.loads(plain)), 0.0
     if camera.microlenses:
         return _SHARE_BEHIND_MICROLENSES
     for placed in json.loads(targets):
@@ -145,15 +142,14 @@ def _is_bent(target: Params) -> bool:
     return surface is None or surface["kind"] not in _SHAPES_WITH_FACES
 
 
-def _seconds_of_pairs(params: Params, focus: Params) -> float:
+def _seconds_of_pairs(params: Params, camera: Camera) -> float:
     """Processor time of a tile of truth by its points and the microlenses that see them, to first order; 0 without."""
-    asked = from_plain(AskedCamera, focus).asked
-    array, channel, pairs = asked.microlenses, params["table"]["channel"], 0.0
+    array, channel, pairs = camera.microlenses, params["table"]["channel"], 0.0
     if array is None:
         return 0.0
     for target in params["view"]["targets"]:
         first, end = params["points"].get(target["name"], (0, 0))
-        pairs += (end - first) * microlenses_lit(asked, array, target["vision_from_target"][2][3])
+        pairs += (end - first) * microlenses_lit(camera, array, target["vision_from_target"][2][3])
     return pairs * (len(channel["wavelengths_nm"]) if channel else 1) * _SECONDS_PER_PAIR[array.is_plain]
 
 

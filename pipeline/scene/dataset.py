@@ -109,7 +109,8 @@ class CameraEntry:
         """The focused camera, in the light of its channel if it has one, behind windows that stand in the world; the
         focus is solved at first use.
         """
-        camera = focused(self.asked) if self.channel is None else focused(self.asked).in_light(self.channel)
+        camera = focused(self.asked)
+        camera = camera.in_light(self.channel) if self.channel else camera
         return camera.behind(self.windows, self.wavelength_nm) if self.windows else camera
 
     @cached_property

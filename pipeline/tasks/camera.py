@@ -1,7 +1,8 @@
-"""Tasks of a camera: `focus`, `channel`, `windows`, `stop`, `planes`, `pinhole` and `first_order`.
+"""Tasks of a camera: `camera`, `pinhole` and `first_order`.
 
-The first four write `focused.json`, the camera that all others read. What no image depends on is no part of it: planes
-of J_near and J_far come from `planes`, and names are written by `first_order`: renaming a lens touches no ray.
+`camera` hands on a camera as it was settled when the graph was made, once for all tasks that read it: as a parameter of
+each it would be a part of every key's record, and planning would take twice the time. What no ray depends on is no part
+of it (see `graph.settled`): names are written by `first_order`, so renaming a lens touches no ray.
 """
 
 import dataclasses
@@ -12,8 +13,6 @@ import numpy as np
 from pipeline.camera.figures import equivalent_pinhole
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection
 from pipeline.camera.figures.first_order_figures import report
-from pipeline.camera.focusing.depth_of_field import focused
-from pipeline.camera.focusing.focus_request import solved, stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.files.exr_bands import BandedPart, write_bands
@@ -22,43 +21,18 @@ from pipeline.motion import Shutter
 from pipeline.optics import first_order as paraxial
 from pipeline.optics.windows import Windows
 from pipeline.records.plain import to_plain
-from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, PLANES, Inputs, focused_camera, pinhole_of
+from pipeline.tasks.artefacts.cameras import FOCUSED, PINHOLE, Inputs, focused_camera, pinhole_of
 from pipeline.tasks.params.cameras import (
     CONVENTIONS,
     TIMES,
-    AskedCamera,
-    BehindWindows,
     CameraLabels,
     Nothing,
-    Planes,
-    Stop,
 )
 
 
-def focus(params: AskedCamera, inputs: Inputs, out: Path) -> None:
-    """Place the sensor and set the stop: focused.json."""
-    write_json(out / FOCUSED, to_plain(solved(params.asked)))
-
-
-def channel(params: Channel, inputs: Inputs, out: Path) -> None:
-    """A camera as one of its colour channels sees it: focused.json."""
-    write_json(out / FOCUSED, to_plain(focused_camera(inputs).in_light(params)))
-
-
-def windows(params: BehindWindows, inputs: Inputs, out: Path) -> None:
-    """A camera behind windows that stand in the world: focused.json."""
-    write_json(out / FOCUSED, to_plain(focused_camera(inputs).behind(params.windows, params.wavelength_nm)))
-
-
-def stop(params: Stop, inputs: Inputs, out: Path) -> None:
-    """The camera with its stop set to another F-number, for a further white image: focused.json."""
-    write_json(out / FOCUSED, to_plain(stopped_down(focused_camera(inputs), params.f_number)))
-
-
-def planes(params: Planes, inputs: Inputs, out: Path) -> None:
-    """The planes of J_near and J_far: planes.json."""
-    camera = focused(dataclasses.replace(focused_camera(inputs), **dataclasses.asdict(params)))
-    write_json(out / PLANES, {"near_mm": camera.near_mm, "far_mm": camera.far_mm})
+def camera(params: Camera, inputs: Inputs, out: Path) -> None:
+    """A settled camera: focused.json."""
+    write_json(out / FOCUSED, to_plain(params))
 
 
 def pinhole(params: Nothing, inputs: Inputs, out: Path) -> None:

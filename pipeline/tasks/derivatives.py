@@ -33,7 +33,7 @@ _REMARK_OF_BLUR = "blur_px2 (n, v, 2, 2): of the columns of blur"
 
 def varied(params: VariedCameras, inputs: Inputs, out: Path) -> None:
     """The cameras, by the place of their number: varied.json."""
-    ends = {str(each.number): [to_plain(end.camera) for end in (each.less, each.more)] for each in params.cameras}
+    ends = {str(each.number): [to_plain(each.less), to_plain(each.more)] for each in params.cameras}
     write_json(out / _VARIED, ends)
 
 

@@ -31,10 +31,9 @@ def run(params: Export, inputs: Inputs, out: Path) -> None:
 
     def sight(name: str) -> ReadyCamera:
         how = params.sights[name]
-        settled = {"camera": inputs[how.camera_role], "planes": inputs[how.planes_role]}
         return ReadyCamera(
             name=name,
-            rig=rig_of(settled, how.seed, how.square_px),
+            rig=rig_of({"camera": inputs[how.camera_role]}, how.seed, how.square_px),
             min_hit_fraction=how.min_hit_fraction,
             accuracy_px=how.accuracy_px,
         )

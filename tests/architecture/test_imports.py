@@ -85,12 +85,12 @@ def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path, monkeypa
     )
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     monkeypatch.chdir(tmp_path)
-    assert build(stage, jobs=1, until=("focus",)).executed == 1
+    assert build(stage, jobs=1, until=("camera",)).executed == 2
     code = (
         "import sys; from pipeline.cli import app;"
         f"app(sys.argv[1:], standalone_mode=False); print([name for name in {heavy!r} if name in sys.modules])"
     )
     command = [sys.executable, "-c", code, "plan", str(stage)]
     planned = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "1 cached" in planned
+    assert "2 cached" in planned
     assert planned.endswith("[]\n")

@@ -20,7 +20,7 @@ def test_only_pictures_are_made_and_by_other_keys(tmp_path):
     whole, small = project(TINY, tmp_path / "out"), project(TINY, preview=True)
     assert small.out == Path("build/tiny_conventional.preview")
     assert set(small.files) == PICTURES
-    assert {small.graph[name].short_kind for name in small.graph} == {"focus", "white", "image"}
+    assert {small.graph[name].short_kind for name in small.graph} == {"camera", "white", "image"}
     for name in small.graph:
         assert small.graph[name].params != whole.graph[name].params
 

@@ -96,13 +96,23 @@ def test_a_frame_may_have_its_own_shutter(tmp_path, common_store):
     assert [path.name for path in (folders[0] / "frames/0003").iterdir()] == ["Rig.Camera.0002"]
 
 
+def test_a_request_and_the_camera_that_fulfils_it_share_everything_but_what_states_the_request(tmp_path):
+    asked = open_dataset(stage(tmp_path / "asked.usda", focused(" = 420")))
+    sensor_mm = asked.cameras[0].camera.sensor_distance_mm
+    placed = open_dataset(stage(tmp_path / "placed.usda", f"double plen:camera:sensorDistance = {sensor_mm!r}"))
+    one, other = graph_of(asked).graph, graph_of(placed).graph
+    assert list(one) == list(other)
+    assert [name for name in one if one[name].canonical != other[name].canonical] == ["first_order/Rig.Camera"]
+
+
 def test_a_hundred_frames_at_five_focus_settings_make_five_rigs(tmp_path):
     held = ", ".join(f"{20 * n + 1}: {400 + 10 * n}, {20 * n + 20}: {400 + 10 * n}" for n in range(5))
     dataset = open_dataset(stage(tmp_path / "pull.usda", focused(f".timeSamples = {{{held}}}"), end=100))
     assert [entry.asked.focus_distance_mm for entry in dataset.cameras] == [400, 410, 420, 430, 440]
     assert [len(dataset.frames_of(entry)) for entry in dataset.cameras] == [20] * 5
     kinds = Counter(name.partition("/")[0] for name in graph_of(dataset).graph)
-    assert kinds["focus"] == kinds["white"] == kinds["pinhole"] == 5 and kinds["truth"] == kinds["image"] == 100
+    assert kinds["white"] == kinds["pinhole"] == 5 and kinds["camera"] == 2 * 5, "with and without planes"
+    assert kinds["truth"] == kinds["image"] == 100
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,12 @@ IN_PASSES = {"image_pass", "white_pass", "noise_level", "noise_check"} | IMAGES
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
 PINHOLE = {"pinhole"} | POSES
-PLANES = {"planes", "first_order"} | PINHOLE
-FURTHER = {"stop", "white", "micro_images"}
+PLANES = {"camera", "first_order"} | PINHOLE
+FURTHER = {"camera", "white", "micro_images"}
 TRUTH = {"truth", "certificate"}
-SEEN = {"windows", "parts", "first_order"} | PINHOLE | TRUTH | {"image"}
+SEEN = {"camera", "parts", "first_order"} | PINHOLE | TRUTH | {"image"}
 """What sees a window that stands in the world."""
-CAMERA = {"focus", "parts", "planes", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
+CAMERA = {"camera", "parts", "first_order", "micro_images"} | PINHOLE | IMAGES | TRUTH
 POSITIONS = {"positions"} | TRUTH
 PATTERN = {"expose", "fixed_pattern"}
 LOST = {"expose", "transmission"}
@@ -81,7 +81,7 @@ COLOUR = plen("", cameras=["A/Camera", "C/Camera"])
 EXPORTED = plen("", exports=["npz"])
 RAYS_EXPORTED = plen("", exports=["rays"])
 ONE_CAMERA = plen("", cameras=["A/Camera"])
-IN_COLOUR = {"first_order", "channel", "colour_image"} | IMAGES | TRUTH
+IN_COLOUR = {"first_order", "camera", "colour_image"} | IMAGES | TRUTH
 RED = "C/Sensor/Red"
 NAMED = COLOUR | plen(RED, wavelengths=[], response=[], sensitivity="Nikon 5100 (NPL)", component="green")
 
@@ -373,8 +373,8 @@ CAMERAS = {
         Case(A, 90.0, PLANES),
         Case(A, 90.0, PLANES | RAYS | TRUTH, given=TWO_PLANE),
         # Within a tenth of the focus distance the depth of field moves no plane.
-        Case(A, 2.0, {"planes", "first_order"}, given=TWO_PLANE),
-        Case(A, 90.0, {"planes", "first_order"}, given=AUTHORED | TWO_PLANE),
+        Case(A, 2.0, {"first_order"}, given=TWO_PLANE),
+        Case(A, 90.0, {"first_order"}, given=AUTHORED | TWO_PLANE),
     ],
     "plen:camera:near": [
         Case(A, 400.0, PLANES),

@@ -2,7 +2,7 @@
 names attribute, line, old and new value.
 
 The table says what depends on what, in words of the user's manual; the schema says which attributes there are. Nothing
-is traced: where a task would run again, its outputs count as changed; `focus` and `planes` alone really run, for early
+is traced: where a task would run again, its outputs count as changed; `camera` alone really runs, for early
 cutoff. What was edited is known from the test; the line is looked for in the text by its words alone.
 """
 
@@ -71,7 +71,7 @@ def write(path: Path, values: dict[tuple[str, str], Any], is_whole: bool = True)
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
-    """A store where `focus` and `planes` run, and stages that count as built."""
+    """A store where `camera` runs, and stages that count as built."""
     return _Bench(tmp_path_factory.mktemp("attributes"))
 
 
@@ -93,7 +93,7 @@ class _Bench:
 
     def keys(self, graph: TaskGraph) -> dict[str, str]:
         """Key of every task, its inputs being what the keys of its sources stand for."""
-        focused = graph.up_to([name for name in graph if graph[name].short_kind in ("focus", "planes")])
+        focused = graph.up_to([name for name in graph if graph[name].short_kind == "camera"])
         outcome = run(focused, self.store)
         assert {result.state for result in outcome.results.values()} <= {"executed", "cached"}, outcome.results
         records = dict(outcome.records)

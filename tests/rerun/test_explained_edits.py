@@ -65,8 +65,8 @@ def test_each_of_several_edits_is_told_by_the_tasks_that_depend_on_it(desk):
     size = f"dataset.usda:{desk.line(desk.stage, 'squareSize')}: <{stage}.plen:squareSize>: 1.4 -> 1.5"
     move = f"dataset.usda:{desk.line(desk.stage, '2: (0.3')}: <{stage}.xformOp:translate> at frame 2:"
     move += " (0.3, -0.2, -432) -> (0.3, -0.2, -430)"
-    wait = [f"{name}/Rig.Camera must run first" for name in ("focus", "white")]
-    assert desk.edits("focus/Rig.Camera") == [stop]
+    wait = [f"{name}/Rig.Camera must run first" for name in ("camera", "white")]
+    assert desk.edits("camera/Rig.Camera") == [stop]
     assert sorted(desk.edits("image/Rig.Camera/0001")) == sorted([stop, size, *wait])
     assert sorted(desk.edits("image/Rig.Camera/0002")) == sorted([stop, size, move, *wait])
 
@@ -75,7 +75,7 @@ def test_another_reference_is_one_edit_whatever_follows_from_it(desk):
     desk.edit(desk.rig, ("double_gauss_100mm_tronnier", "double_gauss_100mm_mandler"))
     old, new = (f"@lenses/double_gauss_100mm_{name}.usda@" for name in ("tronnier", "mandler"))
     line = desk.line(desk.rig, "mandler")
-    assert desk.edits("focus/Rig.Camera") == [
+    assert desk.edits("camera/Rig.Camera") == [
         f"rig.usda:{line}: </TinyConventional/Rig/Lens> references: {old} -> {new}"
     ]
 

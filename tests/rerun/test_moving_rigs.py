@@ -63,7 +63,7 @@ def builds(tmp_path_factory, common_store):
         stage = folder / f"{name}.usda"
         stage.write_text(stage_of(*poses), encoding="utf-8")
         tasks = made(stage, folder / name, common_store).tasks
-        found.append((folder / name, {task.key for task in tasks if task.kind in ("focus", "white", "planes")}))
+        found.append((folder / name, {task.key for task in tasks if task.kind in ("camera", "white")}))
     return found
 
 

@@ -67,7 +67,7 @@ def test_flow_is_to_the_next_frame_of_the_dataset_whatever_the_camera_is_there(t
     loaded = load(tmp_path / "stage.usda", allow_roots=(Path(__file__).parents[1] / "data",))
     graph = graph_of(loaded.dataset).graph
     reads = {name: dict(graph[name].reads) for name in graph if name.startswith("labels_tile")}
-    first, last = "focus/Rig.Camera.0001", "focus/Rig.Camera.0002"
+    first, last = "camera/Rig.Camera.0001", "camera/Rig.Camera.0002"
     assert reads == {
         "labels_tile/Rig.Camera.0001/0001/0000": {"camera": first, "next": last},
         "labels_tile/Rig.Camera.0002/0002/0000": {"camera": last},

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.from_stop import depths_mm, is_steep, pupil_fan
@@ -100,12 +99,9 @@ def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
     return sensor.width_px * scale, sensor.height_px * scale
 
 
-def microlenses_lit(camera: Camera | FocusRequest, array: MicrolensArray, z_mm: float) -> float:
+def microlenses_lit(camera: Camera, array: MicrolensArray, z_mm: float) -> float:
     """Number of microlenses that may see a point at vision z, paraxially; 0 where its light has no width."""
     lens, sensor, sensor_mm = first_order(camera.prescription), camera.sensor, camera.sensor_distance_mm
-    if sensor_mm is None:
-        assert isinstance(camera, FocusRequest) and camera.focus_distance_mm is not None
-        sensor_mm = -lens.image_mm(camera.focus_distance_mm)
     try:
         image_mm = lens.image_mm(z_mm)
     except ZeroDivisionError:  # a point in the front focus

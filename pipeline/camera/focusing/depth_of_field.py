@@ -8,10 +8,11 @@ Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a
 "Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.
 """
 
+import functools
 import math
 from dataclasses import dataclass, replace
 
-from pipeline.camera.focusing.focus_request import FocusRequest, solved, with_stop
+from pipeline.camera.focusing.focus_request import KEPT, FocusRequest, solved, with_stop
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import FirstOrder, first_order
@@ -108,6 +109,7 @@ def middle_focus(camera: Camera) -> float:
     return distances[len(distances) // 2]
 
 
+@functools.lru_cache(maxsize=KEPT)
 def focused(camera: Camera | FocusRequest) -> Camera:
     """The camera with all that it asks for solved, and its near and far planes settled.
 

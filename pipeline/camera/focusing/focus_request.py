@@ -10,6 +10,7 @@ match the microlenses.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -24,6 +25,8 @@ from pipeline.errors import PipelineError
 from pipeline.optics.first_order import FirstOrder, first_order, paraxial_ray
 from pipeline.optics.prescription import Prescription, PrescriptionError, least_gap_mm
 
+KEPT = 1024
+"""Cameras whose focus a process remembers: three with a state in each of 200 frames are fewer."""
 _LONGEST = 10.0
 """Focal lengths that a block may travel with nothing in its way [1]: longer than any mount."""
 _STEPS = 400
@@ -178,6 +181,7 @@ class FocusRequest:
         return middle if self.focus_type is None else self.focus_type
 
 
+@functools.lru_cache(maxsize=KEPT)
 def solved(camera: Camera | FocusRequest) -> Camera:
     """The camera that does what is asked; a CameraError whose hint says what can be done. A `Camera` asks nothing."""
     if isinstance(camera, Camera):

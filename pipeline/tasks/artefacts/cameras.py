@@ -24,7 +24,7 @@ from pipeline.truth.grid.ray_grid import image_from_fine
 Inputs = dict[str, dict[str, Path]]
 """Role -> output name -> file in the store."""
 
-FOCUSED, PLANES, PINHOLE = "focused.json", "planes.json", "pinhole.json"
+FOCUSED, PINHOLE = "focused.json", "pinhole.json"
 _POSITIONS_AT_ONCE = 1 << 16
 """Positions in a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
 _PICTURE_ROWS = 512
@@ -39,9 +39,8 @@ def light_file(image: str) -> str:
 
 
 def focused_camera(inputs: Inputs, role: str = "camera") -> Camera:
-    """The camera of a task `focus` or `channel`, with near and far planes if the task reads those of `planes`."""
-    camera = from_plain(Camera, read_json(inputs[role][FOCUSED]))
-    return dataclasses.replace(camera, **read_json(inputs["planes"][PLANES])) if "planes" in inputs else camera
+    """The camera that a task `camera` hands on."""
+    return from_plain(Camera, read_json(inputs[role][FOCUSED]))
 
 
 def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:

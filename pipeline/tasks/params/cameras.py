@@ -1,12 +1,11 @@
-"""Parameters of the tasks of a camera whatever it sees: its focus, bundles, micro-images and white images."""
+"""Parameters of the tasks of a camera whatever it sees: its bundles, micro-images and white images."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from pipeline.camera.focusing.focus_request import FocusRequest, solved
 from pipeline.camera.parts.camera import Camera, Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.motion import Shutter
-from pipeline.optics.windows import MARK, Windows
+from pipeline.optics.windows import Windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,84 +14,12 @@ class Nothing:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AskedCamera:
-    """A camera, or a request for a focus; without near and far planes and without names."""
-
-    camera: Camera | None
-    request: FocusRequest | None
-
-    @classmethod
-    def of(cls, asked: Camera | FocusRequest) -> "AskedCamera":
-        """The request of a stage, with numbers for names of lens groups, and without what only `planes` reads."""
-        groups = asked.prescription.groups
-        numbered = tuple(
-            group if group.name.startswith(MARK) else replace(group, name=str(number))
-            for number, group in enumerate(groups)
-        )
-        prescription = replace(asked.prescription, groups=numbered)
-        plain = replace(asked, prescription=prescription, near_mm=None, far_mm=None, circle_of_confusion_px=1.0)
-        if isinstance(plain, Camera):
-            return cls(camera=plain, request=None)
-        numbers = {group.name: str(number) for number, group in enumerate(groups)}
-        moving = tuple(sorted(numbers[name] for name in plain.focus_groups))
-        return cls(camera=None, request=replace(plain, focus_groups=moving))
-
-    @property
-    def asked(self) -> Camera | FocusRequest:
-        """The camera or the request, whichever is present."""
-        asked = self.camera or self.request
-        assert asked is not None
-        return asked
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Planes:
-    """Planes of J_near and J_far as authored; None: derived from the depth of field."""
-
-    near_mm: float | None
-    far_mm: float | None
-    circle_of_confusion_px: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
-    """Another F-number of the same camera."""
-
-    f_number: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BehindWindows:
-    """Windows that stand before a camera, and the wavelength of its own indices."""
-
-    windows: Windows
-    wavelength_nm: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class VariedCamera:
-    """A camera, as `focus`, `channel` and `windows` settle it, with the number of a place a little less and more."""
+    """A camera with the number of a place a little less and more."""
 
     number: int
-    less: "SettledCamera"
-    more: "SettledCamera"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SettledCamera:
-    """A camera as it is asked for, in its channel and behind windows of the world, if it has them."""
-
-    asked: AskedCamera
-    channel: Channel | None
-    windows: BehindWindows | None
-
-    @property
-    def camera(self) -> Camera:
-        """The camera that the tasks `focus`, `channel` and `windows` make."""
-        camera = solved(self.asked.asked)
-        if self.channel is not None:
-            camera = camera.in_light(self.channel)
-        return camera.behind(self.windows.windows, self.windows.wavelength_nm) if self.windows else camera
+    less: Camera
+    more: Camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

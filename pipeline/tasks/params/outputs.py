@@ -72,10 +72,9 @@ class Transmission:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SightedCamera:
-    """A camera whose rays are asked for: roles of its tasks `focus` (or `channel`) and `planes`, and its accuracy."""
+    """A camera whose rays are asked for: role of its task `camera`, and its accuracy."""
 
     camera_role: str
-    planes_role: str
     seed: int
     square_px: float
     min_hit_fraction: float

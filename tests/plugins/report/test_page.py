@@ -219,4 +219,4 @@ def test_a_build_writes_the_report_unless_refused(tmp_path, monkeypatch, common_
     runs = {run["name"]: run for run in data(page.parent, "history")["tasks"]}
     assert runs["image/Rig.Camera/0001"]["state"] == "executed"
     assert runs["image/Rig.Camera/0001"]["end_s"] > runs["image/Rig.Camera/0001"]["start_s"] >= 0
-    assert runs["focus/Rig.Camera"]["state"] == "cached"
+    assert runs["camera/Rig.Camera"]["state"] == "cached"
