@@ -34,6 +34,7 @@ from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.load import Loaded, load, require_dataset
+from pipeline.scene.usd.problems import StageError
 from pipeline.scene.usd.roots import real_path
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
@@ -176,6 +177,8 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
         compile_once(on_event, steps_of(dataset.graph[name] for name in dataset.graph), options.workers)
         loaded = stages.pop()
         problems = [*loaded.problems, *loaded.doubts()]
+        if any(problem.is_error for problem in problems):
+            raise StageError(problems)
         for problem in problems:
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")

@@ -38,6 +38,17 @@ def test_tasks_that_fail_alike_are_one_error_with_its_place(dark, capsys):
         assert "Traceback" in Path(task.log).read_text(encoding="utf-8")
 
 
+def test_an_error_that_only_rays_show_ends_a_build_before_its_first_task(tmp_path, monkeypatch, in_this_process):
+    """`build` looks for such errors when it first has to run something; it said them as warnings, and went on."""
+    monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
+    stage = tmp_path / "dataset.usda"
+    stage.write_text(tiny_text("conventional", ("pixelPitch = 0.1", "pixelPitch = 100")), encoding="utf-8")
+    for verb in ("check", "build"):
+        code, told, said = in_this_process(verb, str(stage))
+        assert code == 2 and (told + said).count("[no-chief-ray]") == 1 and "dataset.usda:" in told + said
+    assert not (tmp_path / "dataset").exists()
+
+
 def test_show_says_where_the_camera_stands_that_it_cannot_show(dark, in_this_process):
     code, _, said = in_this_process("show", "dataset.usda")
     assert code == 2 and f"dataset.usda:{dark}: error: no light passes the lens from " in said
