@@ -19,9 +19,6 @@ def test_the_core_builds_an_example_without_the_folder_of_plug_ins(tmp_path):
     place = tmp_path / f"plenoptic_pipeline-{project['version']}.dist-info"
     place.mkdir()
     (place / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
-    group = "plenoptic_pipeline.formats"
-    formats = "\n".join(f"{name} = {module}" for name, module in project["entry-points"][group].items())
-    (place / "entry_points.txt").write_text(f"[{group}]\n{formats}\n")
     settings = {"PYTHONPATH": str(tmp_path), "PIPELINE_CACHE": str(tmp_path / "store"), "PIPELINE_REPORT": ""}
 
     def run(*words):
@@ -34,6 +31,8 @@ def test_the_core_builds_an_example_without_the_folder_of_plug_ins(tmp_path):
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "out/manifest.json").is_file()
     assert 'no report is written: no plug-in that is installed has the product "report"' in built.stderr
+    unwritten = run("export", "out", "opencv")
+    assert unwritten.returncode == 2 and "opencv" in unwritten.stderr
     for words in ("report out", "design plenoptic a.usda", "inform out --report", "import lens a.dat"):
         refused = run(*words.split())
         assert refused.returncode == 2 and "no plug-in that is installed has the" in refused.stderr

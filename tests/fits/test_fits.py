@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from exports.maps import lit_rays
+from fits.pixel_rays import lit_rays
 from fits.test_models import SPHERES
 from laws import rigs
 from laws.rigs import thin

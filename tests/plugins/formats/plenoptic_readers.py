@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 import numpy as np
-from exports.pretended import COLUMNS
-from exports.pretended_plenoptic import (
+from plugins.formats.pretended import COLUMNS
+from plugins.formats.pretended_plenoptic import (
     ARRAY_TO_SENSOR_MM,
     AXIS_PX,
     FIELDS_MM,

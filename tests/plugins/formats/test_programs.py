@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from exports import maps, plenoptic_readers, test_shutters
-from exports.pretended import SIZE_PX, Scene, board_mm, write_build
-from exports.pretended_plenoptic import RADIUS_PX, TYPES_MM, PlenopticScene, write_plenoptic_build
-from exports.pretended_plenoptic import SIZE_PX as PLENOPTIC_PX
 from PIL import Image
+from plugins.formats import maps, plenoptic_readers, test_shutters
+from plugins.formats.pretended import SIZE_PX, Scene, board_mm, write_build
+from plugins.formats.pretended_plenoptic import RADIUS_PX, TYPES_MM, PlenopticScene, write_plenoptic_build
+from plugins.formats.pretended_plenoptic import SIZE_PX as PLENOPTIC_PX
 
 from pipeline.exports.export import export
 from pipeline.frames import apply

@@ -6,9 +6,9 @@ import numpy as np
 
 from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
-from pipeline.exports.writers.maps.traced import TracedPixels, about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, Format, Microlenses, Origin, Reads, Unit
+from pipeline.plugins.formats.maps.traced import TracedPixels, about, traced
 
 FORMAT = Format(
     consumer="ray tracers and robotics simulators; NumPy, OpenEXR",

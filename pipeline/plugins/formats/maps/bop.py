@@ -10,10 +10,10 @@ import numpy as np
 
 from pipeline.channel_names import folder_of
 from pipeline.exports.material import ExportCamera, ExportView, Material
-from pipeline.exports.writers.maps.traced import distances_mm, traced
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.png import write_png
 from pipeline.formats import Board, Cameras, Format, Origin, Pose, Reads, Rotation, Unit
+from pipeline.plugins.formats.maps.traced import distances_mm, traced
 
 FORMAT = Format(
     consumer="BOP: bop_toolkit, estimators of poses of objects",

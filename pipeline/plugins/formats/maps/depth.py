@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.exports.material import ExportCamera, Material
-from pipeline.exports.writers.maps.traced import about, traced
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.formats import Cameras, Format, Origin, Reads, Unit
+from pipeline.plugins.formats.maps.traced import about, traced
 from pipeline.results.answers import SeenScene
 
 FORMAT = Format(

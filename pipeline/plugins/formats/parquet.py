@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.exports.material import Material
-from pipeline.exports.writers import npz
+from pipeline.plugins.formats import npz
 from pipeline.results.rows import write_parquet
 
 FORMAT = replace(

@@ -4,10 +4,11 @@
 
 import numpy as np
 import pytest
-from exports.flipping import flips, require_notice
-from exports.maps import CHECKS, PinholeSight, channels, lit_rays, write_small_build
-from exports.pretended import CORNER_PX, Scene
-from exports.readers import CHECKS as BOARD_CHECKS
+from fits.pixel_rays import lit_rays
+from plugins.formats.flipping import flips, require_notice
+from plugins.formats.maps import CHECKS, PinholeSight, channels, write_small_build
+from plugins.formats.pretended import CORNER_PX, Scene
+from plugins.formats.readers import CHECKS as BOARD_CHECKS
 
 import pipeline
 from pipeline.exports.export import export
@@ -104,7 +105,7 @@ def test_rays_are_those_of_the_camera_made_ready(kind, request, tmp_path):
 
 def test_bands_do_not_show(small, tmp_path, monkeypatch):
     from pipeline.exports import ray_patches
-    from pipeline.exports.writers.maps import traced
+    from pipeline.plugins.formats.maps import traced
 
     monkeypatch.setattr(ray_patches, "EDGE_PX", 16)
     (whole,) = export(small, ["rays"], tmp_path / "a")

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exports.flipping import flips, require_notice
-from exports.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
-from exports.plenoptic_readers import check_bok, check_lightfield, check_plenopticam
-from exports.pretended import write_manifest
-from exports.pretended_plenoptic import PlenopticScene, write_plenoptic_build
+from plugins.formats.flipping import flips, require_notice
+from plugins.formats.libpleno_reader import check_libpleno, kind, matrix, node, read, reprojection_errors, sections
+from plugins.formats.plenoptic_readers import check_bok, check_lightfield, check_plenopticam
+from plugins.formats.pretended import write_manifest
+from plugins.formats.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.exports.export import Request, export
 from pipeline.exports.micro_images import GridMesh
@@ -147,7 +147,7 @@ def test_raytrix_refuses_a_depth_of_field_that_reaches_the_focal_point(tmp_path,
 @pytest.mark.parametrize("size", [(7, 8), (8, 7)])
 def test_microlenses_of_libpleno_are_opposite_to_their_micro_images(layout, size):
     """The law of its central projection for any number of lines: (k, l) lies beyond (columns - 1 - k, rows - 1 - l)."""
-    from pipeline.exports.writers.plenoptic import libpleno as writer
+    from pipeline.plugins.formats.plenoptic import libpleno as writer
 
     axis, per_px, (columns, rows) = np.array([90.0, 70.0]), 0.004, size
     mesh = GridMesh(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from exports.pretended import (
+from plugins.formats.pretended import (
     F_PX,
     SIZE_PX,
     STOP_MM,

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.exports.material import ExportCamera, ExportView, Material
-from pipeline.exports.writers.maps.traced import distances_mm, traced
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.formats import Cameras, Format, Origin, Reads
+from pipeline.plugins.formats.maps.traced import distances_mm, traced
 
 FORMAT = Format(
     consumer="pycocotools, detectors that learn keypoints",

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from exports.pretended import COLUMNS, ROWS
-from exports.pretended_plenoptic import (
+from plugins.formats.pretended import COLUMNS, ROWS
+from plugins.formats.pretended_plenoptic import (
     ARRAY_TO_SENSOR_MM,
     F_NUMBER,
     FOCAL_MM,

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pipeline.exports.material import Material
-from pipeline.exports.writers import npz
 from pipeline.files.jsonfile import json_bytes
 from pipeline.formats import ExportError
+from pipeline.plugins.formats import npz
 
 FORMAT = replace(
     npz.FORMAT,

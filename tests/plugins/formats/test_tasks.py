@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from builds import made as build_of
-from exports.pretended import Scene, write_build
-from places import DATA
+from places import DATA, ROOT
+from plugins.formats.pretended import Scene, write_build
 from shorter import few
 from stage_text import head
 
@@ -127,7 +127,7 @@ def test_a_preview_exports_nothing(tmp_path):
 
 
 GROUP = "plenoptic_pipeline.formats"
-PAGE = Path(__file__).resolve().parents[2] / "docs/export_format.md"
+PAGE = ROOT / "docs/export_format.md"
 
 
 def install(folder: Path, code: str, project: dict) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pycolmap
 import pytest
 from builds import DATA, made
-from exports.pretended import F_PX, Scene, write_build
 from places import ROOT
+from plugins.formats.pretended import F_PX, Scene, write_build
 from stage_text import head, over_tiny, stage_in
 
 from pipeline.camera.figures.equivalent_pinhole import Sightings

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from exports.flipping import flips, require_notice
-from exports.maps import lit_rays
-from exports.pretended import (
+from fits.pixel_rays import lit_rays
+from plugins.formats.flipping import flips, require_notice
+from plugins.formats.pretended import (
     FACING,
     STOP_MM,
     board_mm,
@@ -21,7 +21,7 @@ from exports.pretended import (
     write_rows,
     write_target,
 )
-from exports.test_programs import clone
+from plugins.formats.test_programs import clone
 
 from pipeline.exports import export
 from pipeline.files.png import read_png

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import OpenEXR
-from exports.pretended import DISTORTION, STOP_MM, projected, same, slopes_seen, write_camera, write_manifest
+from fits.pixel_rays import lit_rays
+from plugins.formats.pretended import DISTORTION, STOP_MM, projected, same, slopes_seen, write_camera, write_manifest
 
 from pipeline.exports.gathering import gather
 from pipeline.exports.material import Material
@@ -30,13 +31,6 @@ def undistorted(pixels: np.ndarray) -> np.ndarray:
 
 def point() -> np.ndarray:
     return np.append(undistorted(np.array([PIXEL]))[0], 1) * Z_MM
-
-
-def lit_rays(x_px: np.ndarray, y_px: np.ndarray, origin_mm: np.ndarray, ahead: np.ndarray) -> PixelRays:
-    """Rays from points along vectors (n, 3), without errors and in full light."""
-    direction = ahead / np.linalg.norm(ahead, axis=1, keepdims=True)
-    more = {"error_px": np.zeros((len(ahead), 2)), "hit_fraction": np.ones(len(ahead)), "microlens": None}
-    return PixelRays(x_px=x_px, y_px=y_px, origin_mm=origin_mm, direction=direction, **more)
 
 
 class PinholeSight:

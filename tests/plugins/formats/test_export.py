@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
-from exports.pretended import DISTORTION, Scene, write_build, write_manifest
 from places import ROOT
+from plugins.formats.pretended import DISTORTION, Scene, write_build, write_manifest
 from typer.testing import CliRunner
 
 from pipeline import cli

@@ -14,7 +14,7 @@ import pandas as pd
 import pycolmap
 import vision_calibration
 import yaml
-from exports.pretended import (
+from plugins.formats.pretended import (
     CENTRE_PX,
     COLUMNS,
     CORNER_PX,

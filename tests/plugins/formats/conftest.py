@@ -3,8 +3,8 @@
 import json
 
 import pytest
-from exports.maps import PinholeSight, SlantedScene
-from exports.pretended import Scene, write_build
+from plugins.formats.maps import PinholeSight, SlantedScene
+from plugins.formats.pretended import Scene, write_build
 
 from pipeline.exports import export
 from pipeline.results.output import open_output

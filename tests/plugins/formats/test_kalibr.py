@@ -7,15 +7,15 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from exports.maps import CHECKS as MAPS
-from exports.maps import gathered
-from exports.pretended import SIZE_PX, Scene, write_build, write_manifest
+from plugins.formats.maps import CHECKS as MAPS
+from plugins.formats.maps import gathered
+from plugins.formats.pretended import SIZE_PX, Scene, write_build, write_manifest
 
 from pipeline.exports.conversion import converted
 from pipeline.exports.export import export
 from pipeline.exports.gathering import grid_of
-from pipeline.exports.writers import kalibr
 from pipeline.formats import Cameras, format_of, loadable
+from pipeline.plugins.formats import kalibr
 from pipeline.results.output import open_output
 from pipeline.targets.patterns.tags import AprilGrid
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from debian_mrcal import by_mrcal
-from exports.pretended import (
+from plugins.formats.pretended import (
     CENTRE_PX,
     COLUMNS,
     F_PX,

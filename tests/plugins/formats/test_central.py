@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from builds import made
-from exports import maps
-from exports.pretended import board_mm, same, turned, write_manifest, write_poses, write_rows, write_target
-from exports.readers import seen_by_nerfstudio
+from fits.pixel_rays import lit_rays
 from fits.test_models import SPHERES, unprojected
+from plugins.formats.pretended import board_mm, same, turned, write_manifest, write_poses, write_rows, write_target
+from plugins.formats.readers import seen_by_nerfstudio
 from stage_text import head, stage_in
 
 from pipeline.exports import export
@@ -50,7 +50,7 @@ class Wide:
         self.asked += 1
         slopes = self.undistort(np.column_stack([x_px, y_px])[:, None], MATRIX, self.coefficients, criteria=STOP)[:, 0]
         ahead = np.column_stack([slopes, np.ones(len(slopes))])
-        return maps.lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM - STOP_MM[2] * ahead, ahead)
+        return lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM - STOP_MM[2] * ahead, ahead)
 
     def seen(self, matrix: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
         """Positions of the points of the board by a camera of its kind, (n, 2)."""
@@ -85,7 +85,7 @@ class Sphere:
 
     def rays(self, x_px, y_px):
         ahead = unprojected(self.name, self.parameters, np.column_stack([x_px, y_px]))
-        return maps.lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM + 0 * ahead, ahead)
+        return lit_rays(np.asarray(x_px), np.asarray(y_px), STOP_MM + 0 * ahead, ahead)
 
     @property
     def pixels(self) -> np.ndarray:

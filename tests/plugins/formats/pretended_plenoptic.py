@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from exports.pretended import FACING, board_mm, turned, write_manifest, write_poses, write_rows, write_target
+from plugins.formats.pretended import FACING, board_mm, turned, write_manifest, write_poses, write_rows, write_target
 
 from pipeline.files.exr import Part, write_exr
 from pipeline.files.tables import write_table

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exports.maps import SlantedScene, gathered
+from plugins.formats.maps import SlantedScene, gathered
 from scipy import stats
 
 from pipeline.exports.export import Request, export
