@@ -111,7 +111,7 @@ class _Adjusted:
             steepness = np.linalg.norm(_without(slopes[:, 1:], slopes[:, :1])) * scale[0]
             spare = len(left) - 6 * len(self.seen) - len(free)
             off = np.linalg.norm(left[:, -1] + left[:, :-1] @ step) / math.sqrt(spare)
-            error = float(off / steepness / p[F])
+            error = float(off / steepness / abs(p[F]))
         return replace(self, parameters=p, seen=tuple(seen), moves=tuple(moves), error=error), change_px
 
 
