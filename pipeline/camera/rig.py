@@ -17,7 +17,7 @@ from pipeline.records.shapes import Float64, Int64
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A camera made ready, and what J means."""
+    """A tracer with all else that one image needs: outlines of micro-images, what J means, diffraction, the device."""
 
     tracer: Tracer
     images: MicroImages | None  # None for a conventional camera

@@ -120,7 +120,7 @@ class CentralModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportCamera:
-    """A camera, with what formats describe it by."""
+    """A built camera in the convention of a format, with what formats describe it by."""
 
     name: str
     size_px: tuple[int, int]

@@ -17,7 +17,7 @@ from pipeline.tasks.params.frames import Image
 _MODULES = {
     "camera": ("camera", "pinhole", "first_order"),
     "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
-    "derivatives": ("derivatives", "varied"),
+    "derivatives": ("derivatives",),
     "labels": ("labels", "labels_tile"),
     "micro_images": ("micro_images", "micro_images_tile"),
     "pictures": ("picture", "sheet"),

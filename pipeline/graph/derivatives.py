@@ -6,7 +6,8 @@ from pipeline.graph.adding import add
 from pipeline.graph.poses import Things, target_poses
 from pipeline.graph.settled import camera_task, settled
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
-from pipeline.tasks.params import cameras, frames
+from pipeline.tasks.params import frames
+from pipeline.tasks.params.frames import SIDES
 from pipeline.tasks.params.outputs import DERIVATIVES
 
 
@@ -15,15 +16,14 @@ def add_derivatives(graph: TaskGraph, files: dict[str, Source], dataset: Dataset
     numbers = dataset.varied.get(camera.prim_path, ())
     for place, entry in enumerate(camera.in_channels if numbers else ()):
         ends = [tuple(_entry_in(end, camera, place) for end in (number.less, number.more)) for number in numbers]
-        settled_here = settled(entry)
-        changed = tuple(
-            cameras.VariedCamera(number=number, less=settled(less), more=settled(more))
-            for number, (less, more) in enumerate(ends)
-            if settled(less) != settled_here or settled(more) != settled_here
-        )
-        reads = {"camera": camera_task(graph, entry)}
-        if changed:
-            reads["varied"] = add(graph, f"varied/{entry.full_name}", cameras.VariedCameras(cameras=changed))
+        reads, camera_here = {"camera": camera_task(graph, entry)}, settled(entry)
+        for position, pair in enumerate(ends):
+            varied = [settled(end) for end in pair]
+            if varied == [camera_here, camera_here]:
+                continue
+            for side, changed in zip(SIDES, varied, strict=True):
+                role = f"{side}{position}"
+                reads[role] = add(graph, f"camera/{entry.full_name}/{role}", changed)
         things = [tuple(Things(end, painted=False) for end in (number.less, number.more)) for number in numbers]
         placed = Things(dataset, painted=False)
         for index, frame in enumerate(dataset.frames):

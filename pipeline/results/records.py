@@ -224,7 +224,7 @@ class BuiltView:
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltCamera:
-    """A camera of a build, or one of the channels of its sensor.
+    """A camera of a build, or one of the channels of its sensor, as the files of the build state it.
 
     `name`: `Rig.Camera`, or `Rig.Camera@red` of a channel.
     `record`: all of camera.json; docs/outputs.md says what its keys mean.

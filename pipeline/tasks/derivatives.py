@@ -1,27 +1,22 @@
-"""Tasks `varied`, cameras with a number a little less and more, and `derivatives`, of the rows of a frame."""
+"""Task `derivatives`: those of the rows of a frame, by differences of cameras with a number a step less and more."""
 
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.exports.filestorage import write_npz
-from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.tables import read_table
-from pipeline.records.plain import from_plain, to_plain
-from pipeline.tasks.artefacts.cameras import Inputs, rig_of
+from pipeline.tasks.artefacts.cameras import Inputs, focused_camera, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.certificate import cells_of
-from pipeline.tasks.params.cameras import VariedCameras
-from pipeline.tasks.params.frames import RowDerivatives, SeenTargets
+from pipeline.tasks.params.frames import SIDES, RowDerivatives, SeenTargets
 from pipeline.tasks.params.outputs import DERIVATIVES
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as rates_of
 from pipeline.truth.planes import Planes
 
-_VARIED = "varied.json"
 _REMARKS = (
     "row i is row i of correspondences.csv, entry j is that of names[j]; by a unit of units[j]",
     "x_px (n, v, 2): derivatives of x_px and y_px",
@@ -31,22 +26,16 @@ _REMARKS = (
 _REMARK_OF_BLUR = "blur_px2 (n, v, 2, 2): of the columns of blur"
 
 
-def varied(params: VariedCameras, inputs: Inputs, out: Path) -> None:
-    """The cameras, by the place of their number: varied.json."""
-    ends = {str(each.number): [to_plain(each.less), to_plain(each.more)] for each in params.cameras}
-    write_json(out / _VARIED, ends)
-
-
 def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
     """Derivatives of all rows of a table: derivatives.npz."""
     table = read_table(inputs["truth"]["correspondences.csv"])
     rig = rig_of(inputs, params.seed, params.square_px)
     names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
     x_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
-    cameras = read_json(inputs["varied"][_VARIED]) if "varied" in inputs else {}
+    roles = [[f"{side}{position}" for side in SIDES] for position in range(len(params.numbers))]
     tracers = [
-        [rig.tracer.next_to(from_plain(Camera, plain)) for plain in cameras.get(str(place), ())] or [rig.tracer] * 2
-        for place in range(len(params.numbers))
+        [rig.tracer.next_to(focused_camera(inputs, role)) if role in inputs else rig.tracer for role in pair]
+        for pair in roles
     ]
     rows, numbers = len(names), len(params.numbers)
     arrays = {

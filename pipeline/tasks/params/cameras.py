@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from pipeline.camera.parts.camera import Camera, Sampling
+from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.parts.spectrum import Channel
 from pipeline.motion import Shutter
 from pipeline.optics.windows import Windows
@@ -11,22 +11,6 @@ from pipeline.optics.windows import Windows
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nothing:
     """No parameters: the kind reads only the outputs of other tasks."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VariedCamera:
-    """A camera with the number of a place a little less and more."""
-
-    number: int
-    less: Camera
-    more: Camera
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VariedCameras:
-    """The cameras of all numbers that change one."""
-
-    cameras: tuple[VariedCamera, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

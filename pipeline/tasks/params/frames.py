@@ -147,6 +147,10 @@ class SeenTargets:
     shutter: Shutter | None
 
 
+SIDES = "less", "more"
+"""A number a step less, and more: begin of the roles of cameras with it, which end with its index."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VariedView:
     """Targets of a frame with a number a little different; None: they are the same."""
@@ -160,7 +164,7 @@ class VariedView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowDerivatives:
-    """Derivatives of the rows of a frame by all numbers; cameras that differ, too, are those of a task `varied`."""
+    """Derivatives of the rows of a frame by all numbers; cameras that differ, too, are read as `less3` and `more3`."""
 
     here: SeenTargets
     numbers: tuple[VariedView, ...]
