@@ -60,6 +60,12 @@ class Side:
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         return environment
 
+    def run(self, code: str, *, kernels: str) -> list[str]:
+        """Lines that Python code prints, called in the tree."""
+        environment, command = self._environment("store", kernels), [sys.executable, "-P", "-c", code]
+        said = subprocess.run(command, cwd=self.tree, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+        return said.stdout.splitlines()
+
     def cpu_s(self, *arguments: str, store: str = "store", kernels: str = "") -> float:
         """Processor time of `pipeline` with these arguments, called in the tree [s]."""
         environment = self._environment(store, kernels or self.kernels)
@@ -72,8 +78,8 @@ class Side:
 
 
 @contextmanager
-def sides(*, now_alone: bool = False) -> Iterator[list[Side]]:
-    """The old commit and this working tree, each with empty folders; or this one alone, with the kernels of its user.
+def sides(before: str = BEFORE, *, now_alone: bool = False) -> Iterator[list[Side]]:
+    """An old commit and this working tree, each with empty folders; or this one alone, with the kernels of its user.
 
     Raises
     ------
@@ -81,7 +87,7 @@ def sides(*, now_alone: bool = False) -> Iterator[list[Side]]:
         The repository does not have the old commit.
     """
     with tempfile.TemporaryDirectory() as name:
-        trees = {"now": ROOT} if now_alone else {BEFORE: _unpacked(Path(name)), "now": ROOT}
+        trees = {"now": ROOT} if now_alone else {before: _unpacked(before, Path(name)), "now": ROOT}
         kernels = "" if now_alone else "kernels"
         found = [Side(side, tree, Path(name) / "homes" / side, kernels) for side, tree in trees.items()]
         for side in found:
@@ -127,10 +133,10 @@ def _kind(line: str) -> str:
     return _NUMBER.sub("", line).replace(" ", "")
 
 
-def _unpacked(folder: Path) -> Path:
-    """The sources of the old commit."""
+def _unpacked(commit: str, folder: Path) -> Path:
+    """The sources of a commit."""
     packed = folder / "before.zip"
-    if subprocess.run(["git", "-C", str(ROOT), "archive", "-o", str(packed), BEFORE], check=False).returncode:
-        raise SystemExit(f"commit {BEFORE} is not here: `git fetch --unshallow` brings it")
+    if subprocess.run(["git", "-C", str(ROOT), "archive", "-o", str(packed), commit], check=False).returncode:
+        raise SystemExit(f"commit {commit} is not here: `git fetch --unshallow` brings it")
     shutil.unpack_archive(packed, folder / "before")
     return folder / "before"

@@ -1,11 +1,12 @@
-"""What does a cold start cost? Processor time of compilation in a first build of example 02, before and now.
+"""What does a cold start cost? Processor and clock time of kernels and first builds, now and at a commit before.
 
-    python benchmarks/cold.py [--turns N] [--small] [--clone]
+    python benchmarks/cold.py [--before COMMIT] [--turns N] [--examples NAME ...] [--small] [--clone]
 
-A build until the focus of the camera, whose work is next to nothing, with no kernels compiled; the same again with an
-empty store and all kernels there. The difference is compilation. `--help` and a build that is finished are timed, too,
-the least of five. With `--small` this commit alone, each once, and example 01 with the kernels that are there. With
-`--clone` what a newcomer waits for, of this commit: an environment, the picture of `make demo`, and what tests need.
+Each turn has folders of its own for kernels and results, and both sides take turns. One process compiles all groups of
+kernels, one after the other. Then each example is built with no kernels there, by the usual number of workers, and
+again when all of it is finished. With `--small` this commit alone, until the camera of example 01 is settled, with the
+kernels that are there. With `--clone` what a newcomer waits for, of this commit: an environment, the picture of `make
+demo`, and what tests need.
 """
 
 import argparse
@@ -15,36 +16,83 @@ import tempfile
 import time
 from pathlib import Path
 
-from beside import BEFORE, EXAMPLE_02, ROOT, Side, sides
-from kept import keep
+from beside import ROOT, Side, sides
+from kept import keep, processor
 
-FOCUS = ("--until", "camera/Rig.Camera")
+EXAMPLES = "01_conventional", "02_plenoptic", "05_scene"
+SETTLED = ("--until", "camera/Rig.Camera")
+_GROUPS = """
+import time
+from pipeline.app.build import STEPS
+from pipeline.app.compile_kernels import compile_kernels
+for count, step in enumerate(STEPS, 1):
+    start, cpu = time.monotonic(), time.process_time()
+    compile_kernels(STEPS[:count])
+    print(step, time.process_time() - cpu, time.monotonic() - start)
+"""
+Seconds = dict[str, tuple[float, float]]
+"""Of the processor and by the clock, by what takes them."""
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--turns", type=int, default=1, help="the least of so many")
+    parser.add_argument("--before", default="HEAD~", metavar="COMMIT", help="the commit to compare with")
+    parser.add_argument("--turns", type=int, default=3, help="the least of so many")
+    parser.add_argument("--examples", nargs="*", choices=EXAMPLES, default=EXAMPLES, metavar="NAME")
     parser.add_argument("--small", action="store_true", help="this commit alone: does it run at all?")
     parser.add_argument("--clone", action="store_true", help="from an empty clone to the first picture")
     options = parser.parse_args()
     if options.clone:
         tell_of_clone()
         return
-    with sides(now_alone=options.small) as found:
-        least_of = 1 if options.small else 5
-        stage = EXAMPLE_02.replace("02_plenoptic", "01_conventional") if options.small else EXAMPLE_02
-        places = ["" if options.small else f"kernels{turn}" for turn in range(options.turns)]
-        rows = {side.name: [measure(side, stage, place, least_of) for place in places] for side in found}
-    least = {name: {key: min(row[key] for row in turns) for key in turns[0]} for name, turns in rows.items()}
-    print(f"{'CPU s':10s}{'compile':>10s}{'by the clock':>14s}{'--help':>9s}{'finished':>10s}")
-    for name, row in least.items():
-        print(
-            f"{name:10s}{row['compile_cpu_s']:10.1f}{row['wall_s']:14.1f}{row['help_cpu_s']:9.2f}{row['done_cpu_s']:10.2f}"
-        )
-    if len(least) == 2:
-        before, now = (row["compile_cpu_s"] for row in least.values())
-        print(f"compilation takes {now / before:.2f} of what it took")
-        keep("cold", {"before": BEFORE, "stage": EXAMPLE_02, "sides": least, "ratio": round(now / before, 3)})
+    examples, turns = (EXAMPLES[:1], 1) if options.small else (options.examples, options.turns)
+    with sides(options.before, now_alone=options.small) as found:
+        rows = {side.name: list[Seconds]() for side in found}
+        for turn in range(turns):
+            for side in found:
+                kernels = "" if options.small else f"kernels {turn}"
+                groups = {} if options.small else groups_of(side, f"groups {turn}")
+                rows[side.name].append(groups | builds_of(side, examples, kernels, SETTLED if options.small else ()))
+                tell({name: least(of_turns) for name, of_turns in rows.items() if of_turns})
+    if not options.small:
+        keep("cold", {"before": options.before, "sides": {name: least(of_turns) for name, of_turns in rows.items()}})
+
+
+def least(turns: list[Seconds]) -> Seconds:
+    """The least of some turns, each for itself."""
+    seconds = {key: (min(row[key][0] for row in turns), min(row[key][1] for row in turns)) for key in turns[0]}
+    return {key: (round(cpu_s, 2), round(took_s, 2)) for key, (cpu_s, took_s) in seconds.items()}
+
+
+def tell(found: dict[str, Seconds]) -> None:
+    """A table of all sides so far."""
+    print(processor(), "CPU s, and s by the clock", *(f"{name:>16}" for name in found), sep="  ")
+    for key in max(found.values(), key=len):  # a commit may not have a group
+        figures = "".join(f"{row.get(key, (0, 0))[0]:10.1f}{row.get(key, (0, 0))[1]:8.1f}" for row in found.values())
+        print(f"{key:32s}{figures}", flush=True)
+
+
+def groups_of(side: Side, kernels: str) -> Seconds:
+    """Each group of kernels after those before it, in one process, and all of them."""
+    found = {}
+    for line in side.run(_GROUPS, kernels=kernels):
+        step, *seconds = line.split()
+        found[f"kernels, {step}"] = float(seconds[0]), float(seconds[1])
+    total = sum(cpu_s for cpu_s, _ in found.values()), sum(took_s for _, took_s in found.values())
+    return {**found, "all kernels": total}
+
+
+def builds_of(side: Side, examples: tuple[str, ...], kernels: str, until: tuple[str, ...]) -> Seconds:
+    """First builds, each without kernels, if `kernels` names a folder for them; and the same when they are finished."""
+    found = {}
+    for example in examples:
+        places = {"kernels": kernels and f"{kernels} {example}", "store": f"store {kernels} {example}"}
+        out = str(side.home / f"out {kernels} {example}")
+        for what in ("first build of", "finished build of"):
+            start = time.monotonic()
+            cpu_s = side.cpu_s("build", f"examples/{example}/dataset.usda", *until, "-o", out, **places)
+            found[f"{what} {example}"] = cpu_s, time.monotonic() - start
+    return found
 
 
 def tell_of_clone() -> None:
@@ -61,21 +109,6 @@ def tell_of_clone() -> None:
             cpu_s = now.children_user + now.children_system - before.children_user - before.children_system
             size = sum(path.lstat().st_blocks * 512 for path in (clone / ".venv").rglob("*"))
             print(f"make {goal:18s}{cpu_s:8.1f} CPU s {took_s:8.1f} s by the clock {size / 1e6:8.0f} MB")
-
-
-def measure(side: Side, stage: str, kernels: str, least_of: int) -> dict[str, float]:
-    """Seconds of one side with kernels in a folder of this name; short ones are the least of so many."""
-    places = {"kernels": kernels, "store": f"store {kernels}"}
-    start = time.monotonic()
-    cold = side.cpu_s("build", stage, *FOCUS, "-o", str(side.home / "out"), **places)
-    took = time.monotonic() - start
-    warm = side.cpu_s("build", stage, *FOCUS, "-o", str(side.home / "out"), **{**places, "store": f"again {kernels}"})
-    done = min(side.cpu_s("build", stage, *FOCUS, "-o", str(side.home / "out"), **places) for _ in range(least_of))
-    found = {"compile_cpu_s": cold - warm, "wall_s": took, "done_cpu_s": done}
-    return {
-        key: round(value, 2)
-        for key, value in {**found, "help_cpu_s": min(side.cpu_s("--help") for _ in range(least_of))}.items()
-    }
 
 
 if __name__ == "__main__":
