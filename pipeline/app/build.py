@@ -47,7 +47,7 @@ STEPS = "lens", "aspheres", "microlenses", "micro_images", "images", "company", 
 microlenses; micro-images; images of a flat sheet; images in which one thing may hide another; curved targets; paths of
 light; the search in position images; the noise of raw images.
 """
-_KERNELS = dict(zip(STEPS, (19, 2, 8, 1, 7, 5, 2, 10, 3, 2), strict=True))
+_KERNELS = dict(zip(STEPS, (19, 2, 8, 1, 7, 5, 2, 9, 3, 2), strict=True))
 """Number of kernels that each step adds, for whoever waits."""
 _KERNEL_S = 0.9
 """Processor time that a kernel takes with what it contains [s], of an AMD EPYC."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline, opaque
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Num
 from pipeline.render.lighting.records import Lamp, PlacedLamp
@@ -28,8 +28,8 @@ class Emitting(NamedTuple):
     starts: list[int]  # of the picture of each lamp, -1: none; of a dome with a picture 0
 
 
-@opaque
-def shaped(numbers, line, way, u, v) -> float:
+@unit
+def shaped(numbers, line, way, u, v):
     """Radiance of a line of the table towards the start of a direction, in its frame, that meets it at a point."""
     focus = abs(way[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
     off, factor = math.acos(min(max(way[2], -1.0), 1.0)), 1.0

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.jit.decorators import inline, opaque
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting.emitting import (
@@ -108,8 +108,8 @@ def _nearer_root(a, b, c, low, high):
     return far if far > 0.0 and low <= far <= high else math.inf
 
 
-@opaque
-def radiance_of(lamps, k, origin, way, t) -> float:
+@unit
+def radiance_of(lamps, k, origin, way, t):
     """Radiance of a lamp of finite size that is not even, along a direction that meets it after a path."""
     table = lamps.table
     x, y, p = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), minus(origin, _triple(table, k, CENTRE))

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.camera.parts.spectrum import Slice
-from pipeline.jit.decorators import inline, opaque, unit
+from pipeline.jit.decorators import inline, unit
 from pipeline.records.shapes import Float64, Num
 from pipeline.render.lighting.records import Coat, Glass, Input, Material
 from pipeline.render.lighting.reflection import LEAST_ALPHA, Paint, let_through
@@ -137,8 +137,8 @@ def _share(x):
     return min(max(x, 0.0), 1.0)
 
 
-@opaque
-def passing(layers, materials, m, spot, cosine) -> float:
+@unit
+def passing(layers, materials, m, spot, cosine):
     """Share of light that passes a surface straight on, for the cosine of its angle to the triangle."""
     flags = materials.flags[m]
     if flags[THRESHOLD] > 0.0:
@@ -205,8 +205,8 @@ def glass_at(materials, m, spot, side):
     return Paint(0.0, 0.0, _alpha_of_glass(materials, m, spot), 0.0, LEAST_ALPHA, ratio)
 
 
-@opaque
-def passing_to_lamps(materials, m, spot, cosine, path) -> float:
+@unit
+def passing_to_lamps(materials, m, spot, cosine, path):
     """Share of the light of a lamp that passes a face of a body of glass straight on, 0 if it is rough; of the path
     before it, too, where that is inside.
 

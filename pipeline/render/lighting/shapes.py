@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.frames import apply
-from pipeline.jit.decorators import borrowed, inline, kernel, opaque
+from pipeline.jit.decorators import borrowed, inline, kernel, unit
 from pipeline.records.shapes import Float64
 from pipeline.render.lighting import materials as column
 from pipeline.render.lighting.draws import draw
@@ -80,8 +80,8 @@ def sample_glow(glow, origin, pair):
     return way, length, _radiance_at(glow, t, w), glow_density(glow, t, way, length)
 
 
-@opaque
-def _radiance_at(glow, t, w) -> float:
+@unit
+def _radiance_at(glow, t, w):
     """Radiance of a triangle that shines, as far as it is present."""
     m, spot = glow.shapes.material[t], Spot(glow.shapes.primvars, t, w)
     return input_at(glow.materials, m, column.EMISSION, spot) * presence_at(glow.materials, m, spot)
