@@ -55,11 +55,6 @@ def at_code(code: float) -> AbstractContextManager[Any]:
     return having(_CODE, code)
 
 
-def code_now() -> float:
-    """The time code at which readers see a stage."""
-    return _CODE.get()
-
-
 def take(*paths: str | Sdf.Path) -> None:
     """Note that the record that is being read takes values from these properties, or from whole prims."""
     if (taken := _TAKEN.get()) is not None:
