@@ -38,8 +38,8 @@ def tolerance(name: str, of: str, spread: float, *lines: str) -> str:
 
 
 def stage(folder: Path, *tolerances: str) -> Path:
-    path, method, sensor = folder / "dataset.usda", 'plen:truth:method = "%s"', '        over "Sensor"\n'
-    text = tiny_text("conventional", (method % "moments", method % "direct"), (sensor, "".join(tolerances) + sensor))
+    path, sensor = folder / "dataset.usda", '        over "Sensor"\n'
+    text = tiny_text("conventional", (sensor, "".join(tolerances) + sensor))
     path.write_text(text, encoding="utf-8")
     return path
 

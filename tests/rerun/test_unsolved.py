@@ -14,13 +14,13 @@ from pipeline.tasks import truth
 
 def test_each_build_warns_of_what_stays_unsolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also the second one, which finds the table in the store; the first names stand there, all in the table."""
-    whole = truth.solve
+    solve_points = truth.solve_points
 
     def leaving_four(*args: object, **options: object) -> object:
-        rows = whole(*args, **options)
+        rows = solve_points(*args, **options)
         return dataclasses.replace(rows, unsolved=np.array([[3, 0], [5, 0], [6, 1], [9, 2]]))
 
-    monkeypatch.setattr(truth, "solve", leaving_four)
+    monkeypatch.setattr(truth, "solve_points", leaving_four)
     for _ in range(2):
         events = []
         stage, store = DATA / "tiny_plenoptic" / "dataset.usda", tmp_path / "store"

@@ -157,6 +157,7 @@ def test_a_table_has_to_cover_every_channel(stage: Usd.Stage) -> None:
     put(stage, f"{LENS}/S1", coatingWavelengths=[480, 610], coatingReflectance=[0.01, 0.03])
     put(stage, f"{LENS}/S3", internalTransmittanceTable=[0.5, 0.8], internalTransmittanceWavelengths=[480, 610])
     camera = stage.GetPrimAtPath(CAMERA)
+    camera.GetAttribute("plen:image:exposure").Set("radiance")
     seen = wavelengths_seen(camera)
     beyond = [nm for nm in seen if nm > 610]
     assert len(seen) == 4 and len(beyond) == 2

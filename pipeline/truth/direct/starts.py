@@ -1,9 +1,10 @@
-"""Further places from which J(x) = p is searched, where first guesses lead to no row."""
+"""Further starts of the search for J(x) = p, where first guesses lead to no row."""
 
 import math
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
 MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 """Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
@@ -22,13 +23,16 @@ BEYOND_PX = np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0])
 
 
 def least_miss(
-    j: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: np.ndarray, places_px: np.ndarray, may_exist: MayExist
-) -> tuple[np.ndarray, np.ndarray]:
-    """Of the places of each row, (m, n, 2), that from which J misses the point least, with J there, (n, 2) each; NaN
-    where none has light. `j` is a function of rows and positions; only places where a solution may exist count.
+    j: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    rows: Int64[np.ndarray, "n"],
+    starts_px: Float64[np.ndarray, "m n 2"],
+    may_exist: MayExist,
+) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]:
+    """The one of m starts of each row from which J misses the point least, and by how much [mm]; NaN where none has
+    light. `j` is a function of rows and positions; only starts near which a solution may exist count.
     """
     best_px, best_mm = np.full((2, len(rows), 2), np.nan)
-    for x_px in places_px if len(rows) else ():
+    for x_px in starts_px if len(rows) else ():
         may = may_exist(x_px, rows, 0.0)
         miss_mm = np.full(x_px.shape, np.nan)
         miss_mm[may] = j(rows[may], x_px[may])
