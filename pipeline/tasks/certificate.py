@@ -17,8 +17,9 @@ from pipeline.tasks.artefacts.cameras import Inputs, rig_of
 from pipeline.tasks.artefacts.surroundings import placed_target
 from pipeline.tasks.artefacts.truth_table import PosedPoints
 from pipeline.tasks.params.frames import Certificate, PlacedTarget
-from pipeline.truth.judging import ROWS, Rows, certify, rows_of_build
+from pipeline.truth.judging import Rows, certify
 from pipeline.truth.planes import Planes
+from pipeline.truth.settings import ROWS, rows_of_build
 
 _STREAM = 0x5EA1
 """Random stream of the judge, which differs from those of the judged rows."""

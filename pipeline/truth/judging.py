@@ -24,16 +24,8 @@ from pipeline.files.jsonfile import Json
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth.direct.newton import Search, errors_px, mean_hit, over_exposure
 from pipeline.truth.planes import Exposed
-from pipeline.truth.settings import CLAIM_PX
+from pipeline.truth.settings import CLAIM_PX, JUDGES_RAYS, ROWS, SHARPER
 
-ROWS = 135
-"""Most rows that are solved again for each camera, so that the cost does not grow with the dataset: of a large one in
-which a twentieth of the rows is wrong, a sample without any of them is drawn once in a thousand times.
-"""
-_FEWEST, _ONE_IN = 45, 8
-"""Rows that a build solves again: at least so many, else one in so many. More would cost more than the build itself;
-these miss an error of a twentieth of the rows once in ten times.
-"""
 FALSE_ALARM = 2e-5
 """Highest probability that a certificate refutes rows which all keep their claim [1]: of a dataset of fifty cameras
 once in a thousand times. Half of it is spent on single rows, half on their number.
@@ -42,13 +34,6 @@ _CHANCE = 0.01
 """Probability below which a difference is not taken for chance in one row [1], but may be in one of many."""
 _SUSPECT = 0.2
 """The same, below which a row does not count as right, and is judged again: so errors of twice the claim are [1]."""
-SHARPER = 3.0
-"""Standard errors with which a row must keep its claim to get no more rays [1]."""
-
-_RANDOM_RAYS = tuple(1 << power for power in range(14, 23, 2))
-"""Numbers of rays of a row, level by level. More rays are used only while the row is not known, by `SHARPER`
-standard errors, to keep the claim, and its own standard error is above half of the accepted one.
-"""
 _TURNS = 3
 """Most steps of Newton's method with the same number of rays: the first leaves little, and more rays follow."""
 _ROUGH_PX = 0.01
@@ -92,11 +77,6 @@ class Rows:
         of, drawn = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
         kind = self.is_direct[chosen].astype(int)
         return replace(self.only(chosen), stands_for=of[kind] / drawn[kind])
-
-
-def rows_of_build(of: int) -> int:
-    """Number of rows that the certificate of a build solves again if the tables have `of` rows."""
-    return min(ROWS, max(_FEWEST, of // _ONE_IN))
 
 
 def sample(is_direct: Bool[np.ndarray, "n"], seed: int, rows: int = ROWS) -> np.ndarray:
@@ -195,7 +175,7 @@ class _RandomRays:
     def approach(self, claim_px: float) -> None:
         """Newton's method with more and more rays, until the errors of all rows are small enough."""
         doubtful = self.lit
-        for rays in _RANDOM_RAYS:
+        for rays in JUDGES_RAYS:
             self.rays[doubtful] = rays
             self._coarser_mm[doubtful] = self._error_mm[doubtful]
             for _ in range(_TURNS):

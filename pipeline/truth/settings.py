@@ -6,6 +6,26 @@ from typing import Annotated
 COLUMN_SETS = ("chief", "saddle", "centroid")
 CLAIM_PX = 1e-3
 """Claim where a stage states none [px]: `direct` keeps it, which the certificate of every build tests."""
+ROWS = 135
+"""Most rows that are solved again for each camera, so that the cost does not grow with the dataset: of a large one in
+which a twentieth of the rows is wrong, a sample without any of them is drawn once in a thousand times.
+"""
+_FEWEST, _ONE_IN = 45, 8
+"""Rows that a build solves again: at least so many, else one in so many. More would cost more than the build itself;
+these miss an error of a twentieth of the rows once in ten times."""
+SHARPER = 3.0
+"""Standard errors with which a row must keep its claim to get no more rays [1]."""
+JUDGES_RAYS = tuple(1 << power for power in range(14, 23, 2))
+"""Numbers of rays of a row, level by level. More rays are used only while the row is not known, by `SHARPER`
+standard errors, to keep the claim, and its own standard error is above half of the accepted one.
+"""
+LEVELS = LOOK_RAYS, RAYS, _, MOST_RAYS = 1 << 10, 1 << 14, 1 << 17, 1 << 20
+"""Number of random rays, over all replicas, of a row that something may hide, of a row that turns out to be partly
+hidden, and of one whose bundle is the smallest part of where its rays are aimed. Most rows are visible or hidden as a
+whole.
+"""
+LEAVING = 256
+"""Rays that leave a camera and suffice to call a row hidden as a whole [1]: of 3 % of its light seven come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,3 +70,8 @@ class TruthSettings:
             return self
         rest = TruthSettings(method=self.method)
         return replace(rest, min_hit_fraction=self.min_hit_fraction, accuracy_px=self.accuracy_px, columns=self.columns)
+
+
+def rows_of_build(of: int) -> int:
+    """Number of rows that the certificate of a build solves again if the tables have `of` rows."""
+    return min(ROWS, max(_FEWEST, of // _ONE_IN))

@@ -17,17 +17,11 @@ from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.shapes import Float64, Int64
 from pipeline.render.surroundings import Surroundings
 from pipeline.truth.rows import Correspondences
+from pipeline.truth.settings import LEAVING, LEVELS, LOOK_RAYS, MOST_RAYS, RAYS
 
-LOOK_RAYS, RAYS, MOST_RAYS = 1 << 10, 1 << 14, 1 << 20
-"""Number of random rays, over all replicas, of a row that something may hide, of a row that turns out to be partly
-hidden, and of one whose bundle is the smallest part of where its rays are aimed. Most rows are visible or hidden as a
-whole.
-"""
-_LEAVING = 256
-"""Rays that leave a camera and suffice to call a row hidden as a whole [1]: of 3 % of its light seven come."""
 METHOD = (
     f"share of the leaving weight that comes to the surface at the point unhindered, by {LOOK_RAYS} random rays,"
-    f" {RAYS} where it is partly hidden, up to {MOST_RAYS} until {_LEAVING} leave; 1 without a ray where nothing stands"
+    f" {RAYS} where it is partly hidden, up to {MOST_RAYS} until {LEAVING} leave; 1 without a ray where nothing stands"
     " before the tangent plane"
 )
 """Description of the method for headers."""
@@ -75,11 +69,11 @@ def visibility(
     share, error, bundles = np.ones(len(x_px)), np.zeros(len(x_px)), PointBundles(microlens, x_px, planes)
     rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))
     count = np.zeros(len(x_px), np.int64)
-    for rays in (LOOK_RAYS, RAYS, 1 << 17, MOST_RAYS):
+    for rays in LEVELS:
         each = max(1, _RAYS_PER_CHUNK // rays)
         for some in (rows[first : first + each] for first in range(0, len(rows), each)):
             share[some], error[some], count[some] = shares(rig, surroundings, target, bundles.only(some), rays)
-        rows = rows[(count[rows] < _LEAVING) | (rays < RAYS) & (share[rows] > 0) & (share[rows] < 1)]
+        rows = rows[(count[rows] < LEAVING) | (rays < RAYS) & (share[rows] > 0) & (share[rows] < 1)]
     return share, error
 
 

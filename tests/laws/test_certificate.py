@@ -13,8 +13,9 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth import judging
-from pipeline.truth.judging import ROWS, Differences, Rows, certify, rows_of_build, sample, verdict
+from pipeline.truth.judging import Differences, Rows, certify, sample, verdict
 from pipeline.truth.planes import Exposed, tangent_planes
+from pipeline.truth.settings import ROWS, SHARPER, rows_of_build
 
 CLAIM_PX = 1e-4
 
@@ -33,7 +34,7 @@ def moved(rows: Rows, x_px: float, y_px: float) -> Rows:
 
 def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few random rays cannot tell 1e-4 px; they can tell a tenth of a pixel."""
-    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 12,))
+    monkeypatch.setattr(judging, "JUDGES_RAYS", (1 << 12,))
     rig, rows = by_direct()
     open_ = certify(rig, rows, 2, CLAIM_PX)
     assert open_["own_sigma_px"] > CLAIM_PX / 3
@@ -45,7 +46,7 @@ def test_a_judge_that_is_too_blunt_refutes_nothing_and_says_so(monkeypatch: pyte
 def test_fresh_rays_sharpen_a_judge_until_it_decides(monkeypatch: pytest.MonkeyPatch) -> None:
     """A claim that the first rays are a little too blunt for: six batches more make it known."""
     rig, rows = by_direct()
-    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 14,))
+    monkeypatch.setattr(judging, "JUDGES_RAYS", (1 << 14,))
     monkeypatch.setattr(judging, "_BATCHES", 1)
     blunt = certify(rig, rows, 2, 1e-9)["own_sigma_px"]
     assert certify(rig, rows, 2, 1.5 * blunt)["passed"] is None
@@ -58,7 +59,7 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
     """Over forty seeds, of rows at the border of two pixels, where other random numbers begin."""
     rig, rows = by_direct()
     assert np.allclose(rows.x_px[:, 1] % 1.0, 0.5, atol=1e-6)
-    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 10, 1 << 12))
+    monkeypatch.setattr(judging, "JUDGES_RAYS", (1 << 10, 1 << 12))
     first, again = [], []
     for seed in range(40):
         judge = judging._RandomRays(replace(rig, tracer=Tracer(rig.tracer.camera, seed)), rows)
@@ -107,7 +108,7 @@ def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.Mo
     for claim_px in (5e-4, 3e-3):
         found = judging.differences(rig, rows, claim_px)
         length, own = found.length_px, found.error_px
-        assert ((length + judging.SHARPER * own <= claim_px) | (own <= claim_px / judging.SHARPER / 2)).all()
+        assert ((length + SHARPER * own <= claim_px) | (own <= claim_px / SHARPER / 2)).all()
     assert max(traced) > 1 << 14
 
 
@@ -215,7 +216,7 @@ def test_two_hundred_judges_of_a_real_table_refute_none(inner_mm: float, monkeyp
     """Judges with so few rays that they err by up to ten claims, and rows that all err by one. Three standard errors of
     four replicas refuted two of the tables behind an obstruction.
     """
-    monkeypatch.setattr(judging, "_RANDOM_RAYS", (1 << 10, 1 << 12))
+    monkeypatch.setattr(judging, "JUDGES_RAYS", (1 << 10, 1 << 12))
     claim_px, (rig, rows) = 3e-3, by_direct(inner_mm)
     rows = moved(rows, 0.6 * claim_px, -0.8 * claim_px)
     for seed in range(200):

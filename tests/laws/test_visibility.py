@@ -31,7 +31,8 @@ from pipeline.targets.target import Target
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences
-from pipeline.truth.visibility import LOOK_RAYS, RAYS, PointBundles, seen, shares, visibility
+from pipeline.truth.settings import LOOK_RAYS, RAYS
+from pipeline.truth.visibility import PointBundles, seen, shares, visibility
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9
 FOCUS_MM = 1 / (1 / FOCAL_MM - 1 / BEHIND_MM)
