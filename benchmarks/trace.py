@@ -108,7 +108,7 @@ def run_share(race: Race, packets: int, turns: int) -> None:
     """Rate of `trace_packet`, and its share of what roots and divisions of this processor allow."""
     import numba
 
-    make, trace = new_packet.compiled, trace_packet.compiled
+    make, trace = new_packet.compiled, trace_packet
 
     @numba.njit(nogil=True, error_model="numpy")
     def repeat(table: Any, rays: Any, times: Any) -> Any:

@@ -39,9 +39,10 @@ def on_plane(
     `way` is the direction of the mean ray, of any length.
     """
     axes, normal = vision_from_target[:3, :2], vision_from_target[:3, 2]
-    along = way @ normal
+    along = np.einsum("ni,i->n", way, normal)  # not by BLAS, as in `crossing_share`
     # Rows e_i of P = I - w n^T / (n . w), restricted to the x and y components of u.
     project = axes.T[None, :, :2] - (way @ axes)[:, :, None] * normal[None, None, :2] / along[:, None, None]
+    project, uu = np.ascontiguousarray(project), np.ascontiguousarray(uu)  # a row alone is rounded as among others
     return project @ uu @ project.transpose(0, 2, 1)
 
 

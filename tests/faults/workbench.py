@@ -5,6 +5,7 @@ import functools
 import hashlib
 import multiprocessing
 import random
+import re
 import shutil
 import tempfile
 import traceback
@@ -142,8 +143,10 @@ class Damage(NamedTuple):
 
 
 def damage(place: Path) -> Damage:
-    """Every byte of the store of a place, read without the store's own code."""
+    """Every byte of the store of a place, read without the store's own code; what it has put aside is no entry."""
+    aside = re.compile(r"\.\d{19}$")
     paths = [path for table in ("ac", "cas") for path in (place / "store" / table).rglob("*") if not path.is_dir()]
+    paths = [path for path in paths if not aside.search(path.name)]
     content = {path.name: path.read_bytes() if path.is_file() else b"" for path in paths}
     records = {name: unseal(data) for name, data in content.items() if name.endswith(".json")}
     blobs = {name for name in content.keys() - records if hashlib.sha256(content[name]).hexdigest() == name}

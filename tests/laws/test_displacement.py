@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.rigs import HEXAGON, inside
-from laws.solving import truth_of
+from laws.solving import rig_of, solved
 from laws.surfaces import BENT, beam, oblique, traced, whole
 from naive import brute, textbook
 from scipy.optimize import root
@@ -35,7 +35,6 @@ from pipeline.optics.prescription import Group, Prescription, PrescriptionError,
 from pipeline.optics.table import towards_scene, towards_sensor
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth.grid.position_image import on_target
-from pipeline.truth.grid.ray_grid import RayGrid
 
 TURN = VISION_FROM_CAMERA[:3, :3]
 
@@ -354,11 +353,11 @@ def brute_j(camera: Camera, start: np.ndarray, cell: int, pose: np.ndarray) -> t
     return np.mean(means, axis=0), np.std(means, axis=0, ddof=1) / 4
 
 
-def deviations_of(grid: RayGrid, camera: Camera, board: Checkerboard, pose: np.ndarray, count: int) -> np.ndarray:
+def deviations_of(camera: Camera, board: Checkerboard, pose: np.ndarray, count: int) -> np.ndarray:
     """Deviations of brute-force J at about so many found positions from the points, over its standard error and sigma,
     (n, 2).
     """
-    truth = truth_of(grid, board.points_mm(), pose)
+    truth = solved(rig_of(camera), board, pose)
     rows, found = truth.solutions, []
     positions = Tracer(camera).positions_mm(rows.x_px, rows.y_px)
     bright = np.flatnonzero(truth.hit_fraction > 0.9)
@@ -383,6 +382,6 @@ def test_the_truth_of_a_displaced_lens_is_where_brute_force_sees_the_points(
     middle = tuple(np.array(grid.near.shape[:2]) // 2)
     seen = on_target(grid.near[middle], grid.far[middle], grid.near_mm, grid.far_mm, rigs.facing(434.0))
     pose = rigs.facing(434.0, 0.0, float(seen[0]), float(-seen[1]))
-    deviations = deviations_of(grid, camera, board, pose, count)
+    deviations = deviations_of(camera, board, pose, count)
     assert len(deviations) >= count
     assert np.abs(deviations).max() < SIGMAS

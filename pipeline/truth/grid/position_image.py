@@ -35,7 +35,9 @@ def crossing_share(
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
     way = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
     origin, normal = vision_from_target[:3, 3], vision_from_target[:3, 2]
-    return ((origin - start) @ normal) / (way @ normal), start, way
+    # No BLAS: it rounds the last rows of many otherwise than the same rows alone.
+    ahead, along = (np.einsum("...i,i->...", vectors, normal) for vectors in (origin - start, way))
+    return ahead / along, start, way
 
 
 def jacobian(image: Num[np.ndarray, "h w 2"], cell: Num[np.ndarray, "h w"]) -> np.ndarray:

@@ -112,7 +112,7 @@ def test_every_section_is_there_in_light_and_dark_and_nothing_comes_from_a_netwo
         "optics": ".u-over",
         "residuals": ".bar-fill",
         "information": ".drawing svg rect",
-        "build": ".timeline rect",
+        "build": ".panel",
     }
     for width, theme in ((1400, "light"), (800, "dark")):
         tab.look_as(width, 900, theme)
@@ -170,7 +170,7 @@ def test_a_link_lands_at_its_section_n_works_at_once_and_all_is_there_without_sc
             tab.look_as(800, 900)
             tab.open(page[1])
             tab.run(f"document.querySelector('nav a[href=\"#{link}\"]').click()")
-            tab.wait("!document.querySelector('[aria-busy]') && document.querySelector('#build svg')")
+            tab.wait("!document.querySelector('[aria-busy]') && document.querySelector('#build .panel')")
             tab.settle("window.scrollY + document.body.scrollHeight")
             end = "window.scrollY + window.innerHeight > document.body.scrollHeight - 2"
             top = tab.run(f"document.querySelector('#{link}').getBoundingClientRect().top")
