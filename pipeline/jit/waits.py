@@ -1,4 +1,4 @@
-"""What is done before kernels are compiled; apart, because the command begins with it, and imports little."""
+"""Functions to call before kernels are compiled. The command imports this module first, so it imports little itself."""
 
 from collections.abc import Callable
 

@@ -59,7 +59,7 @@ def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
 
 
 def is_wanted(wanted: list[Tile] | None, width: int, first: int, end: int) -> np.ndarray:
-    """Which positions of some rows of the fine grid are traced, (rows, width); all without tiles."""
+    """Mask of the positions to trace in rows [first, end) of the fine grid, (rows, width); all without tiles."""
     here = np.full((end - first, width), wanted is None)
     for down, across in wanted or ():
         here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
