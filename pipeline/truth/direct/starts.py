@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float64, Int64
+
+from pipeline.records.shapes import Float64, Int64
 
 MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 """Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
