@@ -91,9 +91,9 @@ def test_the_preview_shows_the_board_that_is_built(path):
     assert (np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 1])[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("path", [*EXAMPLES, *TINY], ids=name_of)
+@pytest.mark.parametrize("path", [path for path in [*EXAMPLES, *TINY] if "13_design" not in path.parts], ids=name_of)
 def test_the_pinhole_preview_has_the_shape_of_the_sensor(path):
-    """In tenths of a millimetre, as USD counts film backs in a stage in millimetres."""
+    """In tenths of a millimetre, as USD counts film backs in a stage in millimetres. Designed rigs have no preview."""
     stage = Usd.Stage.Open(path.as_posix())
     for entry in open_dataset(path).cameras:
         camera, sensor = UsdGeom.Camera(stage.GetPrimAtPath(entry.prim_path)), entry.camera.sensor
