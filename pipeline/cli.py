@@ -218,8 +218,6 @@ _VERBS = (
     (LOOK, "logs", planning.logs),
     (LOOK, "verify", verify),
     (USE, "export", after.export),
-    (USE, "fit", after.fit),
-    (USE, "inform", after.inform),
     (CARE, "doctor", doctor),
     (CARE, "warm", warm),
     (CARE, "plugin-path", plugin_path),

@@ -52,6 +52,10 @@ class Model:
         """Image positions of points of the vision frame, (n, 2); `p` holds all parameters."""
         return self.project(p[len(CENTRE) :], points_mm - p[: len(CENTRE)])
 
+    def of_rows(self, p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+        """`project` as information asks for it: rows of a pinhole have no numbers of their own."""
+        return self.project(p, points)
+
 
 def _opencv(p: np.ndarray, points: np.ndarray) -> np.ndarray:
     """`projectPoints` of OpenCV."""

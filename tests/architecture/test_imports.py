@@ -45,7 +45,6 @@ TASKS = ", ".join(f"pipeline.tasks.{name}" for name in ("rays", "truth", "images
         ("import pipeline.camera.parts.camera", "pxr numba networkx OpenEXR"),
         (command("-h"), "numpy pxr networkx numba"),
         (command("export", "--list"), "numba scipy cv2 pxr"),
-        (command("fit", "--list"), "scipy"),
     ],
 )
 def test_what_needs_little_does_not_load(code, absent):

@@ -69,7 +69,6 @@ def test_what_cannot_be_printed_is_refused(run, arguments, message):
     ("arguments", "file"),
     [
         (("target", TARGETS / "charuco_8x5.usda", "--pdf"), "print.pdf"),
-        pytest.param(("fit", TINY, "-o"), "fitted.usda", marks=pytest.mark.heavy),
         pytest.param(("plan", TINY, "--specs"), "specs", marks=pytest.mark.heavy),
     ],
 )

@@ -1,8 +1,8 @@
 """The floors of the arena: models fitted to all rows with the poses of the boards, by SciPy.
 
 One is a thin lens before pinholes, the model of libpleno and its relatives without a tilt, as
-`pipeline.fits.thin_plenoptic` states it, with the pitch of the array; the other is that of Bok and Nousias. Both start
-at the first-order truth, so that what is left is the model's own error, and nothing that a search missed.
+`pipeline.plugins.fits.thin_plenoptic` states it, with the pitch of the array; the other is that of Bok and Nousias.
+Both start at the first-order truth, so that what is left is the model's own error, and nothing that a search missed.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from truth import Model, Truth
 
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.fits.thin_lens import thin_lens
-from pipeline.fits.thin_plenoptic import PARAMETERS, positions_mm
+from pipeline.plugins.fits.thin_plenoptic import PARAMETERS, positions_mm
 
 _UNITS = np.array([0.1, 0.1, 0.1, 0.01, 1e-4, 0.01, 0.01, 0.01, 0.01, 1e-5, 1e-7, 1e-9])
 """Units in which the parameters are counted: each moves positions by something like a pixel."""

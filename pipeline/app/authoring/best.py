@@ -14,7 +14,6 @@ from pipeline.errors import UsageError
 from pipeline.fits.field import field_rays
 from pipeline.fits.fitting import CENTRE, MODELS, fitted
 from pipeline.fits.information import Information, View, derivatives
-from pipeline.fits.knowledge import of_model
 from pipeline.results.opening import ready
 
 CANDIDATES = 12
@@ -38,7 +37,7 @@ class _Judge:
         rays = field_rays(camera)
         fit = fitted(rays, "fisheye" if field.is_wide else "brown")
         centre, own = np.split(fit.parameters, [len(CENTRE)])
-        project = of_model(MODELS[fit.model.name])
+        project = MODELS[fit.model.name].of_rows
         moved, views = field.vision_from_first.copy(), []
         moved[:3, 3] -= centre
         for pose in poses:

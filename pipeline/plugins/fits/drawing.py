@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.fits.fitting import Fit
-from pipeline.fits.result import FittedCamera, by_distance
+from pipeline.plugins.fits.result import FittedCamera, by_distance
 from pipeline.results.notebook import figure, svg_of
 
 _WIDTH_IN, _BELOW_IN, _WORDS_IN = 10.0, 3.2, 0.6

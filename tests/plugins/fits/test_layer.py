@@ -1,6 +1,8 @@
 """The command `pipeline fit`, and the layer that it writes for renderers with other schemas."""
 
 import json
+import subprocess
+import sys
 from functools import partial
 
 import cv2
@@ -27,7 +29,7 @@ def command(tmp_path, monkeypatch, in_this_process):
 
 @pytest.fixture(scope="module")
 def layer(tmp_path_factory):
-    from pipeline.app.fitting import fit
+    from pipeline.plugins.fits.fit_camera import fit
 
     path = tmp_path_factory.mktemp("layer") / "seen.usda"
     found = fit(STAGE, None, ["brown", "fisheye", "kannala-brandt", "ftheta", "tilted"])
@@ -147,14 +149,16 @@ def test_what_is_wrong_is_named_and_nothing_is_written(command, tmp_path, argume
     assert code == 2 and said in told and list(tmp_path.iterdir()) == []
 
 
-def test_the_list_has_the_models(command):
-    _, shown, _ = command("--list")
-    assert "brown" in shown and "thin-lens-plenoptic" in shown
+def test_the_list_has_the_models_and_needs_no_solver():
+    program = "import sys; sys.argv[1:] = ['fit', '--list']; from pipeline import cli\ntry: cli.main()\n"
+    program += "except SystemExit: print('scipy' in sys.modules)"
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert "brown" in shown and "thin-lens-plenoptic" in shown and shown.endswith("False\n")
 
 
 def test_a_plenoptic_camera_without_a_thin_lens_still_has_a_pinhole(command, monkeypatch):
-    from pipeline.fits import result
     from pipeline.fits.field import FitError
+    from pipeline.plugins.fits import result
 
     def fails(camera):
         raise FitError("too few positions")

@@ -7,7 +7,7 @@ from scipy.interpolate import BSpline
 
 from pipeline.fits.field import FitError
 from pipeline.fits.information import derivatives
-from pipeline.fits.splined import EXAMPLE, Splined
+from pipeline.plugins.fits.splined import EXAMPLE, Splined
 
 CORE = np.array([800.0, 810.0, 320.0, 240.0])
 NAMES = [f"LENSMODEL_SPLINED_STEREOGRAPHIC_order={order}_Nx=10_Ny=8_fov_x_deg=60" for order in (2, 3)]

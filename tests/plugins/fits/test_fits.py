@@ -17,9 +17,9 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.fits.field import FieldRays, field_rays, pupil_curve
 from pipeline.fits.fitting import MODELS, fitted
-from pipeline.fits.result import ALL, by_distance, document, fit_camera, worst
-from pipeline.fits.thin_plenoptic import positions_mm, thin_plenoptic
 from pipeline.optics.first_order import first_order
+from pipeline.plugins.fits.result import ALL, by_distance, document, fit_camera, worst
+from pipeline.plugins.fits.thin_plenoptic import positions_mm, thin_plenoptic
 
 OPENCV = ("pinhole", "brown", "rational", "thin-prism", "tilted")
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
 from pipeline.fits.fitting import MODELS, Fit, fitted, rms
-from pipeline.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
+from pipeline.plugins.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
 from pipeline.records.plain import Json
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.spelling import did_you_mean

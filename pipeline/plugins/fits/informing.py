@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.files.jsonfile import Json
 from pipeline.fits.field import FitError
-from pipeline.fits.knowledge import Knowledge, knowledge
-from pipeline.fits.result import THIN_LENS
+from pipeline.plugins.fits.knowledge import Knowledge, knowledge
+from pipeline.plugins.fits.result import THIN_LENS
 from pipeline.results.notebook import figure, svg_of
 from pipeline.results.opening import ready
 from pipeline.results.output import open_output

@@ -10,14 +10,14 @@ from debian_mrcal import by_mrcal
 from places import TINY
 from scipy.spatial.transform import Rotation
 
-from pipeline.app.informing import document, drawing, inform, page
 from pipeline.errors import UsageError
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import MODELS
 from pipeline.fits.information import Information, View, information
-from pipeline.fits.knowledge import Knowledge, of_model
-from pipeline.fits.splined import EXAMPLE, Splined
 from pipeline.frames import apply, rigid
+from pipeline.plugins.fits.informing import document, drawing, inform, page
+from pipeline.plugins.fits.knowledge import Knowledge
+from pipeline.plugins.fits.splined import EXAMPLE, Splined
 
 OWN = np.array([800.0, 810.0, 321.0, 242.0, -0.12, 0.06, 1e-3, -5e-4, 0.01])
 NAMES = MODELS["brown"].parameters[3:]
@@ -34,12 +34,12 @@ def poses(count: int = 8, seed: int = 1) -> list[np.ndarray]:
 
 
 def views(of: list[np.ndarray]) -> list[View]:
-    project, none = of_model(MODELS["brown"]), np.zeros((len(BOARD_MM), 0))
+    project, none = MODELS["brown"].of_rows, np.zeros((len(BOARD_MM), 0))
     return [View(pose, BOARD_MM, none, project(OWN, apply(pose, BOARD_MM), none)) for pose in of]
 
 
 def told(of: list[np.ndarray] | None = None) -> Information:
-    return Information.of(NAMES, of_model(MODELS["brown"]), OWN, views(of or poses()), NOISE_PX)
+    return Information.of(NAMES, MODELS["brown"].of_rows, OWN, views(of or poses()), NOISE_PX)
 
 
 def calibrated(noise_px: float, seed: int) -> tuple[np.ndarray, np.ndarray, float]:
@@ -81,7 +81,7 @@ def test_a_fit_from_elsewhere_ends_where_the_rows_were_made():
     moved = [View(pose, *view) for pose, view in zip(poses(), _rest(views(poses())), strict=True)]
     shift = rigid(Rotation.from_rotvec([0.01, -0.02, 0.01]).as_matrix(), np.array([2.0, -1.0, 5.0]))
     moved = [View(view.model_from_target @ shift, view.points_mm, view.of_rows, view.x_px) for view in moved]
-    known = information(NAMES, of_model(MODELS["brown"]), start, moved, NOISE_PX)
+    known = information(NAMES, MODELS["brown"].of_rows, start, moved, NOISE_PX)
 
     np.testing.assert_allclose(known.parameters, OWN, rtol=1e-9, atol=1e-9)
     assert np.abs(known.residual_px).max() < 1e-9
@@ -95,7 +95,7 @@ def test_one_board_that_faces_a_pinhole_leaves_its_distance_open_and_says_so():
     """Without distortion f and the distance are one number, and the centre and the place of the board are, too."""
     facing = rigid(np.diag([1.0, -1.0, -1.0]), np.array([5.0, 3.0, 400.0]))
     pinhole = MODELS["pinhole"]
-    project, none = of_model(pinhole), np.zeros((len(BOARD_MM), 0))
+    project, none = pinhole.of_rows, np.zeros((len(BOARD_MM), 0))
     own = np.array([800.0, 800.0, 320.0, 240.0])
     view = View(facing, BOARD_MM, none, project(own, apply(facing, BOARD_MM), none))
     known = Information.of(pinhole.parameters[3:], project, own, [view], NOISE_PX)
@@ -116,7 +116,7 @@ def test_projections_that_poses_take_over_are_known_and_others_scatter_by_calibr
     known, tries = told(), 60
     points = np.array([[0.0, 0.0, 420.0], [150.0, 100.0, 420.0], [-80.0, 60.0, 900.0]])
     predicted = known.of_projections(points, np.zeros((3, 0)))
-    rng, project, none = np.random.default_rng(7), of_model(MODELS["brown"]), np.zeros((3, 0))
+    rng, project, none = np.random.default_rng(7), MODELS["brown"].of_rows, np.zeros((3, 0))
     projected = []
     for _ in range(tries):
         noisy = [

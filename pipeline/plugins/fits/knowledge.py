@@ -6,11 +6,11 @@ from functools import partial
 import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError, field_rays
-from pipeline.fits.fitting import CENTRE, MODELS, Model, fitted, rms
+from pipeline.fits.fitting import CENTRE, MODELS, fitted, rms
 from pipeline.fits.information import Information, Project, View, information
-from pipeline.fits.result import THIN_LENS
-from pipeline.fits.splined import EXAMPLE, Splined
-from pipeline.fits.thin_plenoptic import FULL, PARAMETERS, on_sensor_px, thin_plenoptic
+from pipeline.plugins.fits.result import THIN_LENS
+from pipeline.plugins.fits.splined import EXAMPLE, Splined
+from pipeline.plugins.fits.thin_plenoptic import FULL, PARAMETERS, on_sensor_px, thin_plenoptic
 from pipeline.results.output import Output
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.results.records import BuiltCamera
@@ -71,7 +71,7 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
     else:
         fit = fitted(field, model)
         centre, start = np.split(fit.parameters, [len(CENTRE)])
-        project, parameters = of_model(fit.model), fit.model.parameters[len(CENTRE) :]
+        project, parameters = fit.model.of_rows, fit.model.parameters[len(CENTRE) :]
 
     views = views_of(output, camera, ready, centre)
     if sum(2 * len(view.x_px) for view in views) < len(parameters) + 6 * len(views):
@@ -105,15 +105,6 @@ def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm:
     if not views:
         raise FitError(f"{camera.name} sees nothing that tells about it", hint="a view needs four points of a target")
     return views
-
-
-def of_model(model: Model) -> Project:
-    """The projection of a model of a pinhole, whose rows have no numbers of their own."""
-
-    def project(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
-        return model.project(p, points)
-
-    return project
 
 
 def _predicted(

@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import Fit
-from pipeline.fits.result import FittedCamera
 from pipeline.formats import Convention, Origin
+from pipeline.plugins.fits.result import FittedCamera
 from pipeline.scene.write.text import AppliedSchema, SeenCamera
 
 _PIXELS = Convention(origin=Origin.HALF)

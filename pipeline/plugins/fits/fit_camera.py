@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pipeline.app.stages import draw, write_new
 from pipeline.errors import UsageError
-from pipeline.fits.drawing import picture
 from pipeline.fits.field import FitError
-from pipeline.fits.omniverse import seen_by_omniverse
-from pipeline.fits.result import THIN_LENS, FittedCamera, fit_camera
+from pipeline.plugins.fits.drawing import picture
+from pipeline.plugins.fits.omniverse import seen_by_omniverse
+from pipeline.plugins.fits.result import THIN_LENS, FittedCamera, fit_camera
 from pipeline.results.opening import Opened, opened
 from pipeline.scene.write.text import distortion_layer
 
