@@ -608,6 +608,18 @@ def test_the_stage_of_a_build_has_the_same_shapes(content: str, tmp_path):
     assert again.dataset.frames == loaded.dataset.frames
 
 
+@pytest.mark.parametrize("content", [MANY, ARM])
+def test_time_codes_of_what_is_written_out_are_those_of_the_stage_at_any_rate(content: str, tmp_path):
+    text = Usd.Stage.Open(str(scene(tmp_path, content, 2))).ExportToString()
+    assert "timeCodesPerSecond = 24" in text
+    usual, fast = (tmp_path / f"{rate}.usda" for rate in (24, 1000))
+    usual.write_text(text, encoding="utf-8")
+    fast.write_text(text.replace("timeCodesPerSecond = 24", "timeCodesPerSecond = 1000"), encoding="utf-8")
+    datasets = [load(path).dataset for path in (usual, fast)]
+    assert datasets[0].occluders == datasets[1].occluders and datasets[0].frames == datasets[1].frames
+    assert datasets[0].frames[0].world_from_occluder != datasets[0].frames[1].world_from_occluder or content == ARM
+
+
 def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path):
     heights = ", ".join(f"{n}: [(0, 0, 0), (1, 0, 0), (0, {n}, 0)]" for n in (1, 2, 3))
     flag = mesh_text("Flag", [(0, 0, 0)] * 3, f"point3f[] points.timeSamples = {{{heights}}}")

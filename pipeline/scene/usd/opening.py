@@ -56,6 +56,8 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     finally:
         delegate.TakeUncoalescedDiagnostics()
         del delegate
+    if (rate := stage.GetTimeCodesPerSecond()) != stage.GetSessionLayer().timeCodesPerSecond:
+        stage.GetSessionLayer().timeCodesPerSecond = rate  # or USD scales the times of what is written into it
     files = {layer.identifier: layer.realPath for layer in stage.GetUsedLayers()}
     # A copied dataset.usda builds without the parts of its cameras, which a build made for viewers.
     errors = [
