@@ -29,7 +29,7 @@ class Edit:
     line: int | None = None
 
     @property
-    def what(self) -> str:
+    def subject(self) -> str:
         """The edited thing, without its time."""
         if self.at == "/":
             return f"{self.field} of the layer"
@@ -38,7 +38,7 @@ class Edit:
     def __str__(self) -> str:
         place = "".join(f"{part}:" for part in (self.file, self.line) if part is not None)
         when = "" if self.time is None else f" at frame {self.time:g}"
-        return f"{place} {self.what}{when}{self._change()}".lstrip()
+        return f"{place} {self.subject}{when}{self._change()}".lstrip()
 
     def _change(self) -> str:
         """The change as text; for arrays only the entry that differs, if it is one."""

@@ -44,5 +44,5 @@ def plugged_in(kind: str, name: str) -> Any:
     try:
         return entry.load()
     except Exception as error:  # a stranger's code may fail in any way
-        what = f'the {kind} "{name}" of the package {package_of(entry)} cannot be loaded'
-        raise UsageError(f"{what}: {type(error).__name__}: {error}", hint="mend or remove that package") from error
+        message = f'the {kind} "{name}" of the package {package_of(entry)} cannot be loaded'
+        raise UsageError(f"{message}: {type(error).__name__}: {error}", hint="mend or remove that package") from error

@@ -26,16 +26,16 @@ class Exit(IntEnum):
 class PipelineError(Exception):
     """An error that a user can mend.
 
-    `what` is one sentence with the offending value, `hint` a way to mend it, and `code` the stable name of the kind of
-    mistake, under which `check` reports it; by default that of the class.
+    `message` is one sentence with the offending value, `hint` says how to mend it, and `code` is the stable name of the
+    kind of mistake, under which `check` reports it; by default that of the class.
     """
 
     exit_code = Exit.FAILED
     code = ""
 
-    def __init__(self, what: str, *, hint: str | None = None, code: str = "") -> None:
-        super().__init__(what)
-        self.what = what
+    def __init__(self, message: str, *, hint: str | None = None, code: str = "") -> None:
+        super().__init__(message)
+        self.message = message
         self.hint = hint
         self.code = code or type(self).code
 
@@ -45,7 +45,7 @@ class PipelineError(Exception):
         return f"error: {self}"
 
     def __str__(self) -> str:
-        return f"{self.what}\n    hint: {self.hint}" if self.hint else self.what
+        return f"{self.message}\n    hint: {self.hint}" if self.hint else self.message
 
 
 class UsageError(PipelineError):

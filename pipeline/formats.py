@@ -283,12 +283,12 @@ def module_of(name: str) -> ModuleType:
     try:
         module: ModuleType = entry.load()
     except Exception as error:  # a stranger's code may fail in any way
-        what = f"{broken} cannot be loaded: {type(error).__name__}: {error}"
-        raise ExportError(what, hint="mend or remove that package", code="broken-export") from error
+        message = f"{broken} cannot be loaded: {type(error).__name__}: {error}"
+        raise ExportError(message, hint="mend or remove that package", code="broken-export") from error
     if not isinstance(getattr(module, "FORMAT", None), Format) or not callable(getattr(module, "write", None)):
-        what = f"{broken} is {entry.value}, which has no FORMAT or no write"
+        message = f"{broken} is {entry.value}, which has no FORMAT or no write"
         hint = "its entry point names a module with both: docs/export_format.md"
-        raise ExportError(what, hint=hint, code="broken-export")
+        raise ExportError(message, hint=hint, code="broken-export")
     return module
 
 
@@ -300,8 +300,8 @@ def entry_of(name: str) -> EntryPoint:
     entries = offered("format").get(name, [])
     if len(entries) > 1:
         packages = " and ".join(sorted(map(package_of, entries)))
-        what = f'the packages {packages} each have an export format "{name}"'
-        raise ExportError(what, hint="remove one of them", code="broken-export")
+        message = f'the packages {packages} each have an export format "{name}"'
+        raise ExportError(message, hint="remove one of them", code="broken-export")
     if not entries:
         known = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
         guess = did_you_mean(name, names())

@@ -60,8 +60,8 @@ def findings() -> Iterator[Finding]:
         try:
             yield from look()
         except (PipelineError, OSError) as error:
-            what, hint = (error.what, error.hint) if isinstance(error, PipelineError) else (str(error), None)
-            yield Finding(look.__name__[1:], what, hint or "see the message", is_wrong=True)
+            message, hint = (error.message, error.hint) if isinstance(error, PipelineError) else (str(error), None)
+            yield Finding(look.__name__[1:], message, hint or "see the message", is_wrong=True)
 
 
 def _python() -> Iterator[Finding]:

@@ -169,8 +169,8 @@ class Ending:
             yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"
             return
         file, _, prim = (task.place or "").partition(": ")
-        what, *more = (task.error or "").splitlines() or ["?"]
-        yield f"{file}{': ' if file else ''}error: {what}"
+        message, *more = (task.error or "").splitlines() or ["?"]
+        yield f"{file}{': ' if file else ''}error: {message}"
         yield from (f"    {line}" for line in filter(None, [prim]))
         yield from (line if line.startswith("    ") else f"    {line}" for line in more)
         yield f"    task {task.name} failed (key {str(task.key)[:12]})"

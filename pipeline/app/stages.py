@@ -119,14 +119,14 @@ def import_camera(path: Path, lens: Path | None = None) -> Imported:
 
 
 def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[Any], str]) -> Imported:
-    losses = "; ".join(loss.what for loss in lost)
+    losses = "; ".join(loss.statement for loss in lost)
     notes = (f"Not part of this stage, or decided on import: {losses}.",) if losses else ()
     try:
         text = text_of(replace(read, provenance=(*read.provenance, *notes)))
     except (PrescriptionError, CameraError) as error:
-        raise UsageError(f"{path}: {error.what}", hint=error.hint) from None
+        raise UsageError(f"{path}: {error.message}", hint=error.hint) from None
     places = ((f"{path}:{loss.line}" if loss.line else str(path), loss) for loss in lost)
-    return Imported(text=text, warnings=tuple(f"{place}: warning: {loss.what}" for place, loss in places))
+    return Imported(text=text, warnings=tuple(f"{place}: warning: {loss.statement}" for place, loss in places))
 
 
 def require_free(out: Path) -> None:

@@ -105,8 +105,8 @@ def _require_few(values: int) -> None:
     """Refuse so many numbers, four for each pixel, before there is memory for them."""
     pixels, most = -(-values // 4), limits().picture_pixels
     if pixels > most:
-        what = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
-        raise PipelineError(what, hint=how_to_raise("picture_pixels", pixels))
+        message = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
+        raise PipelineError(message, hint=how_to_raise("picture_pixels", pixels))
 
 
 def _floats(content: bytes, suffix: str) -> np.ndarray:
@@ -138,8 +138,8 @@ def _from_exr(content: bytes) -> np.ndarray:
         try:
             channels = read_foreign_exr(file.name, _require_few)
         except DamagedFile as error:
-            what = f"is no OpenEXR file that can be read: {error.reason.replace(file.name, 'it')}"
-            raise PipelineError(what, hint="write it anew") from error
+            message = f"is no OpenEXR file that can be read: {error.reason.replace(file.name, 'it')}"
+            raise PipelineError(message, hint="write it anew") from error
     names = [name for name in "RGBA" if name in channels] if {"R", "G", "B"} <= set(channels) else ["Y"]
     if not set(names) <= set(channels):
         raise PipelineError(f"has the channels {', '.join(sorted(channels))}", hint="it needs R, G, B or Y")

@@ -16,7 +16,7 @@ D_LINE_NM = 587.56
 class Lost:
     """Something that a source says, in one sentence, and that does not become part of the lens."""
 
-    what: str
+    statement: str
     line: int | None = None  # line of the source that says it, counted from 1
 
 
@@ -104,4 +104,4 @@ def surface_of(surface: PrintedSurface, number: int = 0) -> Surface:
         even, odd = surface.coefficients(2), surface.coefficients(3)
         return Surface(**shared, even_coefficients=even, odd_coefficients=odd)
     except PrescriptionError as error:
-        raise PrescriptionError(f"surface {number}: {error.what}", hint=error.hint) from None
+        raise PrescriptionError(f"surface {number}: {error.message}", hint=error.hint) from None

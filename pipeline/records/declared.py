@@ -139,8 +139,8 @@ def settle(
         sizes = Sizes.OR_INFINITE if name in infinite else Sizes.FINITE if name in finite else Sizes.USUAL
         held = _check(hint, sizes)(value)
         if held is _WRONG:
-            what = f"{type(record).__name__}: {name} is {reprlib.repr(value)}"
-            raise error(what, hint=f"it has to be {_in_words(hint, sizes)}")
+            message = f"{type(record).__name__}: {name} is {reprlib.repr(value)}"
+            raise error(message, hint=f"it has to be {_in_words(hint, sizes)}")
         if held is not value:
             object.__setattr__(record, name, held)
 
@@ -159,8 +159,8 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
                     continue  # checked by the record that they become
                 bound.arguments[name] = _check(hints[name])(value)
                 if bound.arguments[name] is _WRONG:
-                    what = f"{function.__name__}: {name} is {reprlib.repr(value)}"
-                    raise error(what, hint=f"it has to be {_in_words(hints[name])}")
+                    message = f"{function.__name__}: {name} is {reprlib.repr(value)}"
+                    raise error(message, hint=f"it has to be {_in_words(hints[name])}")
             return function(*bound.args, **bound.kwargs)
 
         return typing.cast(F, asked)

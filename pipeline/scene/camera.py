@@ -226,7 +226,7 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
             if record.microlenses:
                 solved(record)
     except CameraError as error:
-        yield problem(camera.GetAttribute(name), "out-of-reach", error.what, hint=error.hint)
+        yield problem(camera.GetAttribute(name), "out-of-reach", error.message, hint=error.hint)
         return
     except ArithmeticError:
         what = "the lens has no first-order figures: it bends no light"
@@ -267,7 +267,7 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
                 yield problem(camera.GetAttribute(name), "wide-angle", message, hint=hint)
     except CameraError as error:
         name = _FOCUS if camera.GetAttribute(_FOCUS).HasAuthoredValue() else _SENSOR
-        yield problem(camera.GetAttribute(name), "near-far", error.what, hint=error.hint)
+        yield problem(camera.GetAttribute(name), "near-far", error.message, hint=error.hint)
     except (PipelineError, ArithmeticError) as error:
         yield of_reader(camera, error)
 
@@ -282,7 +282,7 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
         try:
             stopped_down(record, f_number)
         except CameraError as error:
-            yield problem(attribute, "out-of-reach", error.what, hint=error.hint)
+            yield problem(attribute, "out-of-reach", error.message, hint=error.hint)
     if repeated := [f_number for f_number, count in Counter(f_numbers).items() if count > 1]:
         yield problem(attribute, "repeated-f-number", f'"{_F_NUMBERS}" lists F/{repeated[0]:g} more than once')
 

@@ -142,7 +142,7 @@ def check_illuminant(root: Usd.Prim) -> Iterator[Problem]:
     try:
         illuminant(name)
     except SpectrumError as error:
-        yield problem(root.GetAttribute("plen:illuminant"), error.code, error.what, hint=error.hint)
+        yield problem(root.GetAttribute("plen:illuminant"), error.code, error.message, hint=error.hint)
 
 
 def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
@@ -174,7 +174,7 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         except SpectrumError as error:
             attribute = channel.GetAttribute("plen:sensitivity" if name else "plen:wavelengths")
             if error.code != "unknown-illuminant":  # reported where the dataset is checked
-                yield problem(attribute, error.code, error.what, hint=error.hint)
+                yield problem(attribute, error.code, error.message, hint=error.hint)
         except UnreadableValue:
             return  # reported where the value is checked
 
@@ -198,7 +198,7 @@ def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
             _read_channel(camera, prim, illuminant_of(camera))
         except GlassError as error:
             hint = "narrow the response of the channel, or choose glasses that are known at all of its wavelengths"
-            yield problem(prim, error.code, error.what, hint=hint)
+            yield problem(prim, error.code, error.message, hint=hint)
         except (SpectrumError, UnreadableValue):
             continue  # reported where the channel is checked
 
@@ -218,7 +218,7 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
                 medium.index(camera_nm)
             except GlassError as error:
                 hint = error.hint or "choose a wavelength at which every glass of the lens is known"
-                yield problem(attribute, error.code, error.what, hint=hint)
+                yield problem(attribute, error.code, error.message, hint=hint)
     elif camera_nm != lens_nm and knows_one_wavelength(lens):
         message = f"the camera sees {camera_nm} nm, but the indices of its lens are printed for {lens_nm} nm"
         hint = 'plen:indexSource = "catalogue" on the lens computes them for any wavelength'
@@ -248,4 +248,4 @@ def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         except (GlassError, UnreadableValue):
             continue  # reported where the glass or the wavelength is checked
         if doubt:
-            yield warning(attribute_of_medium(prim), "glass-resonance", doubt.what, hint=doubt.hint)
+            yield warning(attribute_of_medium(prim), "glass-resonance", doubt.message, hint=doubt.hint)

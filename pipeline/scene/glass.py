@@ -40,7 +40,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         doubts = [row.doubt_of(medium, nm) for nm in lights_nm]
         wrong = next((index for index in map(medium.index, lights_nm) if not 1 <= index <= _MOST), None)
     except GlassError as error:
-        raise UnreadableValue(error.what, place, error.hint, error.code) from None
+        raise UnreadableValue(error.message, place, error.hint, error.code) from None
     if wrong is not None:
         hint = "glass, acrylic and water have indices from 1.3 to 2"
         raise UnreadableValue(f"the index of this glass is {wrong:g}, not 1 to {_MOST:g}", place, hint)
@@ -52,7 +52,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         thickness_mm=need(prim, "plen:internalTransmittanceThickness"),
     )
     doubt = next(filter(None, doubts), None)
-    flaws = [warning(place, "glass-resonance", doubt.what, hint=doubt.hint)] if doubt else []
+    flaws = [warning(place, "glass-resonance", doubt.message, hint=doubt.hint)] if doubt else []
     return glass, flaws
 
 

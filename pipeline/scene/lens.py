@@ -167,7 +167,7 @@ def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Pa
         try:
             media[prim.GetPath()] = medium_behind(prim, lens)
         except GlassError as error:
-            problems.append(problem(attribute_of_medium(prim), error.code, error.what, hint=error.hint))
+            problems.append(problem(attribute_of_medium(prim), error.code, error.message, hint=error.hint))
         except UnreadableValue as error:
             problems.append(of_reader(prim, error))
     return media, problems
@@ -229,7 +229,7 @@ def check_surfaces(lens: Usd.Prim) -> Iterator[Problem]:
             attribute = _BLAMED.get(error.code)
             if error.code:
                 place = prim.GetAttribute(attribute) if attribute else prim
-                yield problem(place, error.code, error.what, hint=error.hint)
+                yield problem(place, error.code, error.message, hint=error.hint)
         else:
             sag, radius_mm = surfaces[prim].sag_mm(surfaces[prim].semi_diameter_mm), surfaces[prim].semi_diameter_mm
             if not abs(sag) <= _STEEPEST * radius_mm:

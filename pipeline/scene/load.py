@@ -122,7 +122,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
         return _refused([*problems, of_reader(error.thing, error)])
     except PipelineError as error:  # nor this
         file, code = shown_path(stage.GetRootLayer().realPath), error.code or "unreadable"
-        return _refused([*problems, Problem(code=code, message=error.what, file=file, line=1, hint=error.hint)])
+        return _refused([*problems, Problem(code=code, message=error.message, file=file, line=1, hint=error.hint)])
     if dataset:
         problems += check_effect(stage, set().union(*dataset.sources.values()))
     files = tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage)))

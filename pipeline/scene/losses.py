@@ -122,7 +122,7 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
             if error.code == "wavelength-out-of-range" and table.HasAuthoredValue():
                 attribute = table
             place = attribute if attribute.HasAuthoredValue() else surface
-            yield problem(place, error.code, error.what, hint=error.hint)
+            yield problem(place, error.code, error.message, hint=error.hint)
         else:
             yield from _check_covered(surface, coating, seen_nm)
 

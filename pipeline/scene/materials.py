@@ -86,7 +86,7 @@ def _carried(
 def _ignored(error: UnreadableValue) -> Problem:
     # Not the error itself: its frames would hold the stage after an edit.
     hint = "faces are drawn flat without normals, and plain without values"
-    return not_drawn(error.thing, f"{error.what}: it is ignored", hint=hint)
+    return not_drawn(error.thing, f"{error.message}: it is ignored", hint=hint)
 
 
 def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> np.ndarray | None:

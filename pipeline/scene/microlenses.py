@@ -60,11 +60,11 @@ def check_microlenses(array: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem
         record = read_microlenses(array, _ANY_DISTANCE_MM, D_LINE_NM)
         element_tables(record)
     except GlassError as error:
-        yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
+        yield problem(array.GetAttribute("plen:glass"), error.code, error.message, hint=error.hint)
     except UnreadableValue as error:
         yield of_reader(array, error)
     except PipelineError as error:
-        yield problem(array, "microlens-array", error.what, hint=error.hint)
+        yield problem(array, "microlens-array", error.message, hint=error.hint)
     else:
         if record.model == "refractive":
             yield from _check_nominal(array, record.focal_lengths_mm)
@@ -88,9 +88,9 @@ def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem
         microlens_index(array, wavelength_nm)
     except OutOfRange as error:
         hint = "choose a wavelength at which the glass of the microlenses is known"
-        yield problem(camera.GetAttribute("plen:camera:wavelength"), error.code, error.what, hint=hint)
+        yield problem(camera.GetAttribute("plen:camera:wavelength"), error.code, error.message, hint=hint)
     except GlassError as error:
-        yield problem(array.GetAttribute("plen:glass"), error.code, error.what, hint=error.hint)
+        yield problem(array.GetAttribute("plen:glass"), error.code, error.message, hint=error.hint)
 
 
 def _check_extent(array: Usd.Prim) -> Iterator[Problem]:

@@ -103,7 +103,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
         return _inspected(value.path, value.resolvedPath, _ROOTS.get())
     except PipelineError as error:
         code = error.code or "bad-picture"
-        raise UnreadableValue(f"@{value.path}@ {error.what}", attribute, error.hint, code) from None
+        raise UnreadableValue(f"@{value.path}@ {error.message}", attribute, error.hint, code) from None
 
 
 @read_once

@@ -326,7 +326,7 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
         try:
             wanted = format_of(name)
         except ExportError as error:
-            yield problem(place, error.code, error.what, hint=error.hint)
+            yield problem(place, error.code, error.message, hint=error.hint)
             continue
         taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
         if cameras and not taken:

@@ -86,9 +86,9 @@ def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
     try:
         read_response(sensor)
     except UnreadableValue as error:
-        yield problem(error.thing, error.code, error.what)
+        yield problem(error.thing, error.code, error.message)
     except PipelineError as error:
-        yield problem(sensor, "sensor-response", error.what, hint=error.hint)
+        yield problem(sensor, "sensor-response", error.message, hint=error.hint)
     else:
         channels = [prim.GetName() for prim in channel_prims(sensor)] or [MONO]
         for name in dict.fromkeys(name for name in need(sensor, _FILTERS) if name not in channels):

@@ -156,7 +156,7 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
     if reason is None:
         return colours
     material, why = reason
-    what = f"{why.what}: what it is bound to is drawn in its display colour, grey of 18 % without"
+    what = f"{why.message}: what it is bound to is drawn in its display colour, grey of 18 % without"
     return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), what, why.hint)))
 
 
@@ -249,7 +249,7 @@ class _Network:
             rgba = self.value(source.shader, "fallback", ()) if source.shader.GetShaderId() == "UsdUVTexture" else ()
             own = tuple(part for name, part in zip("rgba", rgba, strict=False) if name in source.output)
             fallback = own if len(own) == len(fallback) else fallback
-            what = f'{error.what}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
+            what = f'{error.message}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
             if not error.thing.GetStage().GetSessionLayer().GetPropertyAtPath(error.thing.GetPath()):
                 self.flaws.append(not_drawn(error.thing, what, error.hint))  # else `Others` has said so
             return Input(value=fallback)

@@ -142,7 +142,7 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         yield problem(prim, "bad-mesh", message, hint="check faceVertexCounts, faceVertexIndices and displayColor")
         return
     except TargetError as error:
-        yield problem(prim, error.code, error.what, hint=error.hint)
+        yield problem(prim, error.code, error.message, hint=error.hint)
         return
     white = prim.GetAttribute("plen:white")
     if isinstance(record, MeshTarget):
@@ -188,7 +188,7 @@ def _check_patch(prim: Usd.Prim, what: str) -> Iterator[Problem]:
         try:
             reflectance(patch)
         except SpectrumError as error:
-            yield problem(place, error.code, error.what, hint=error.hint)
+            yield problem(place, error.code, error.message, hint=error.hint)
 
 
 def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:

@@ -100,7 +100,7 @@ def _thermal(prim: Usd.Prim) -> Thermal:
             raise GlassError("nothing is known of how a glass without name changes with its temperature", hint=hint)
         return thermal(find(name).label)
     except GlassError as error:
-        raise UnreadableValue(error.what, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
+        raise UnreadableValue(error.message, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
 
 
 def larger(surface: Surface, growth: float, gap: float) -> Surface:

@@ -43,7 +43,7 @@ def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Datas
             try:
                 asked += _varied(root, path, dataset, read_again)
             except UnreadableValue as error:  # the wish is wrong, not what it names
-                problems.append(problem(relationship, error.code, error.what, hint=error.hint))
+                problems.append(problem(relationship, error.code, error.message, hint=error.hint))
         if asked:
             varied[str(camera.GetPath())] = tuple(asked)
     if problems:
@@ -103,7 +103,7 @@ def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]
                 with edited(stage, {path: moved}), unchanging():
                     ends.append((entries(next(iter(moved.values())))[i], read_again()))
             except CameraError as error:
-                message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.what}"
+                message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.message}"
                 raise UnreadableValue(message, attribute, error.hint, "no-derivative") from None
         (low, less), (high, more) = ends  # of a float as it was rounded
         name = name_of(path, first, i)

@@ -87,7 +87,7 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
     for prim in alone:
         for doubt in pixel_doubts(read_sensor(prim)):
             pitch = prim.GetAttribute("plen:pixelPitch")
-            yield warning(pitch, doubt.code, doubt.what, hint=doubt.hint)
+            yield warning(pitch, doubt.code, doubt.message, hint=doubt.hint)
     for entry in cameras:
         prim = stage.GetPrimAtPath(entry.prim_path)
         try:
@@ -98,9 +98,9 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
         try:
             for doubt in doubts(camera):
                 place = _blamed(prim, camera, doubt.part)
-                yield warning(place, doubt.code, doubt.what, hint=doubt.hint)
+                yield warning(place, doubt.code, doubt.message, hint=doubt.hint)
         except CameraError as error:
-            yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.what, hint=error.hint)
+            yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.message, hint=error.hint)
         except ArithmeticError:
             continue  # a pupil on the sensor or at infinity: no figure tells whether that was intended
         yield from check_angles(prim, camera)

@@ -193,7 +193,7 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
     except GlassError as error:
         name = need(root, "plen:medium")
         hint = error.hint if name in FLUIDS else did_you_mean(name, FLUIDS) or error.hint
-        yield problem(root.GetAttribute("plen:medium"), error.code, error.what, hint=hint)
+        yield problem(root.GetAttribute("plen:medium"), error.code, error.message, hint=hint)
         return
     except UnreadableValue:
         return  # reported where the value is checked
@@ -243,7 +243,7 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
             prescription_of(camera)
     except PrescriptionError as error:
         hint = error.hint or "a window with air behind it comes between"
-        yield problem(relationship if prims else camera, error.code or "window", error.what, hint=hint)
+        yield problem(relationship if prims else camera, error.code or "window", error.message, hint=hint)
     except PipelineError:
         return  # reported where the window is checked
 

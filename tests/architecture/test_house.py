@@ -60,7 +60,9 @@ def test_modules_are_imported_by_name_in_few_places_and_no_message_is_read():
     known |= {"tasks/export.py"}  # the code that makes keys is no part of them
     users = {str(path.relative_to(PACKAGE)) for path in MODULES if "import_module" in path.read_text(encoding="utf-8")}
     assert users <= known
-    readers = [str(path) for path in MODULES if re.search(r'" in \w*\.?error\.what', path.read_text(encoding="utf-8"))]
+    readers = [
+        str(path) for path in MODULES if re.search(r'" in \w*\.?error\.message', path.read_text(encoding="utf-8"))
+    ]
     assert readers == []
 
 

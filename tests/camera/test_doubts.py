@@ -39,7 +39,7 @@ def test_light_ends_where_the_kernels_pass_no_ray_any_more() -> None:
     """A fine grid on the rear surface, a little inside and a little outside of the stated circle."""
     wide = with_sensor(CONVENTIONAL, width_px=3000, height_px=20)
     (doubt,) = doubts(wide)
-    tracer, far_mm = Tracer(wide), float(re.search(r"farther out than ([\d.]+) mm", doubt.what)[1])
+    tracer, far_mm = Tracer(wide), float(re.search(r"farther out than ([\d.]+) mm", doubt.message)[1])
     u = np.linspace(-20.0, 20.0, 301)
     grid = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
     for height_mm, is_lit in ((far_mm - 0.5, True), (far_mm + 0.5, False)):
@@ -58,7 +58,7 @@ def test_light_comes_through_a_stop_however_narrow(camera: Camera) -> None:
     for wide_mm in (0.5, 0.02, 1e-4):
         assert codes(with_stop(camera, wide_mm)) == []
     far = [
-        float(re.search(r"farther out than ([\d.]+) mm", doubt.what)[1])
+        float(re.search(r"farther out than ([\d.]+) mm", doubt.message)[1])
         for stopped in (camera, with_stop(camera, 0.02))
         for doubt in doubts(with_sensor(stopped, width_px=3000, height_px=20))
     ]

@@ -102,7 +102,7 @@ def test_wrong_kinds_are_named_with_what_is_wanted() -> None:
     ]
     for call, what, hint in said:
         error = answer(call)
-        assert error.what == what and hint in error.hint
+        assert error.message == what and hint in error.hint
 
 
 def test_a_sensor_may_be_a_row_a_column_or_a_pixel_and_no_less() -> None:
@@ -111,7 +111,7 @@ def test_a_sensor_may_be_a_row_a_column_or_a_pixel_and_no_less() -> None:
         assert len(pipeline.bundle(dataclasses.replace(CAMERA, sensor=sensor), 0.0, 0.0).weight_sr)
     for width_px, height_px in ((0, 48), (64, 0)):
         error = answer(lambda w=width_px, h=height_px: pipeline.Sensor(width_px=w, height_px=h, pitch_mm=0.01))
-        assert error.what == f"a sensor of {width_px} x {height_px} pixels of 0.01 mm"
+        assert error.message == f"a sensor of {width_px} x {height_px} pixels of 0.01 mm"
 
 
 def test_lists_and_numbers_of_numpy_are_as_good_as_pythons_own() -> None:

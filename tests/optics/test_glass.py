@@ -106,7 +106,7 @@ def test_exactly_28_names_are_used_by_several_vendors_and_none_of_them_is_found_
     for name, found in shared.items():
         with pytest.raises(GlassError) as caught:
             find(name)
-        assert all(f"{vendor}:" in caught.value.what for vendor in found)
+        assert all(f"{vendor}:" in caught.value.message for vendor in found)
     different = {
         name: np.ptp([find(f"{vendor}:{name}").nd for vendor in found])
         for name, found in shared.items()
@@ -313,7 +313,7 @@ def test_no_real_glass_that_a_user_writes_as_a_formula_is_doubted_in_the_visible
 def test_a_formula_is_doubted_near_its_resonance_and_where_its_index_grows(text, wavelength_nm, said):
     doubt = doubt_of(medium(glass=text, index=None, abbe=None, wavelength_nm=wavelength_nm), wavelength_nm)
     assert (doubt is None) == (said is None)
-    assert said is None or (said in doubt.what and "um" in doubt.hint)
+    assert said is None or (said in doubt.message and "um" in doubt.hint)
 
 
 NM, TAU = (400.0, 500.0, 600.0), (0.6, 0.9, 0.98)
@@ -377,4 +377,4 @@ def test_air_absorbs_nothing_and_what_the_table_lacks_is_refused() -> None:
     ):
         with pytest.raises(GlassError) as refused:
             measured(unknown)
-        assert unknown.label in refused.value.what and "plen:internalTransmittance" in (refused.value.hint or "")
+        assert unknown.label in refused.value.message and "plen:internalTransmittance" in (refused.value.hint or "")

@@ -204,9 +204,11 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
         except (UsageError, TargetError) as error:
             if share == shares[-1]:
                 if fit and isinstance(error, TargetError):
-                    raise UsageError(error.what, hint="leave out --fit: it scales patterns, and shapes stay") from error
+                    raise UsageError(
+                        error.message, hint="leave out --fit: it scales patterns, and shapes stay"
+                    ) from error
                 raise
-            tell(f"{error.what}: a smaller one is tried")
+            tell(f"{error.message}: a smaller one is tried")
     return fields, poses
 
 

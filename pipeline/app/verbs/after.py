@@ -30,7 +30,7 @@ def _print_formats(context: typer.Context, wanted: bool) -> None:
             record = format_of(name)
             listed[name] = f"{record.consumer}: {', '.join(record.files)} [cameras: {record.cameras}]"
         except ExportError as error:
-            listed[name] = error.what
+            listed[name] = error.message
     if context.params["as_json"]:
         say_json(listed)
     else:

@@ -201,7 +201,7 @@ def _report() -> Any:
     try:
         return plugged_in("product", "report")()
     except UsageError as error:
-        note(f"no report is written: {error.what}")
+        note(f"no report is written: {error.message}")
         return None
 
 

@@ -43,7 +43,7 @@ class Doubt:
 
     code: str
     part: str  # camera, stop, sensor, image, windows, microlenses or focal_lengths
-    what: str
+    message: str
     hint: str
 
 

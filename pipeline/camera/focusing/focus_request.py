@@ -314,7 +314,7 @@ def stopped_down(camera: Camera, f_number: float) -> Camera:
     try:
         return with_stop(camera, diameter)
     except PipelineError as error:
-        raise CameraError(f"F/{f_number:g} needs a stop of {diameter:.4g} mm: {error.what}") from None
+        raise CameraError(f"F/{f_number:g} needs a stop of {diameter:.4g} mm: {error.message}") from None
 
 
 def with_stop(camera: Camera, diameter_mm: float) -> Camera:

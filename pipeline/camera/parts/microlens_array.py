@@ -296,7 +296,7 @@ class MicrolensArray:
         try:
             return tuple(faces.first_order(PLANE_LIKE) for faces in self.faces)
         except PipelineError as error:
-            raise CameraError(f"a microlens: {error.what}", hint=error.hint) from None
+            raise CameraError(f"a microlens: {error.message}", hint=error.hint) from None
 
     @property
     def principal_mm(self) -> tuple[tuple[float, float], ...]:

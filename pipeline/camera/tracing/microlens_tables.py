@@ -52,7 +52,7 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
         flat = array.model == "two-plane"
         return np.stack([face_table(faces, outline, radius, flat) for faces in array.faces])
     except PipelineError as error:
-        raise CameraError(f"a microlens: {error.what}", hint="choose a longer radius or smaller discs") from None
+        raise CameraError(f"a microlens: {error.message}", hint="choose a longer radius or smaller discs") from None
 
 
 def camera_arrays(

@@ -85,11 +85,11 @@ def _lines_of_edits(edits: Iterable[Edit]) -> Iterator[str]:
     """One line per edit; for many time samples of one attribute the first few and the number of others."""
     groups: dict[str, list[Edit]] = {}
     for edit in edits:
-        groups.setdefault(edit.what, []).append(edit)
+        groups.setdefault(edit.subject, []).append(edit)
     for alike in groups.values():
         yield from map(str, alike[:_SAMPLES_SHOWN])
         if len(alike) > _SAMPLES_SHOWN:
-            yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].what}"
+            yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].subject}"
 
 
 def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
@@ -109,7 +109,7 @@ def _shown(task: PlannedTask) -> list[Reason]:
 
 def _cause(task: PlannedTask) -> str:
     """Reasons of a task without the parts that differ from frame to frame."""
-    edited = sorted({edit.what for edit in task.edits})
+    edited = sorted({edit.subject for edit in task.edits})
     more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
     causes = set()
     for reason in _shown(task):

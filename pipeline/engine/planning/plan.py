@@ -75,7 +75,7 @@ class PlannedTask:
     @property
     def edits(self) -> tuple[Edit, ...]:
         """The edits behind all reasons, each once."""
-        return tuple({(edit.what, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
+        return tuple({(edit.subject, edit.time): edit for reason in self.reasons for edit in reason.edits}.values())
 
     def to_dict(self) -> Json:
         """Plain data, as in `plan --json`."""

@@ -186,8 +186,8 @@ def _refuse_other_code(components: Components, store: Store) -> None:
                 kernels = settings().get("OPENBLAS_CORETYPE")
                 set_before = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
                 hint = f"last digits would differ: use machines of one level, system and environment{set_before}"
-            what = f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}"
-            raise EnvironmentFault(what, hint=hint)
+            message = f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}"
+            raise EnvironmentFault(message, hint=hint)
     _refuse_edited_code(kind)
 
 

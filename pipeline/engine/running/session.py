@@ -251,7 +251,7 @@ def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
     try:
         size = collect(store, limit).bytes_left
     except PipelineError as error:  # a read-only store or an unreadable record: nothing can be removed
-        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.what}")
+        warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: {error.message}")
         return size
     if size > limit:
         warn(f"the store holds {size:,} bytes, over its limit of {limit:,}: results of finished builds stay")

@@ -156,14 +156,14 @@ def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: f
     close = nearest(index, abbe, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)
     close = sorted(close, key=lambda entry: entry.name.casefold() != name)[:3]
     fits = f"{index:g}/{abbe:g} fits {listed(close)}" if close else f"no glass of the catalogue has {index:g}/{abbe:g}"
-    return GlassError(error.what, hint=f"{error.hint}; {fits}" if error.hint else fits, code=error.code)
+    return GlassError(error.message, hint=f"{error.hint}; {fits}" if error.hint else fits, code=error.code)
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
     """A doubt, and how to mend what it is about."""
 
-    what: str
+    message: str
     hint: str
 
 

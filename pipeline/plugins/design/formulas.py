@@ -155,14 +155,14 @@ def refocused_mm(lens: FirstOrder, camera: Camera, shift: float) -> float:
 def _too_wide(lens: FirstOrder, wish: PlenopticWish, excess: float, as_it_is: float) -> CameraError:
     """The error about a stop `excess` times as wide as the lens lets through, and its own `as_it_is` times."""
     widest = math.ceil(1000 * lens.f_number * as_it_is) / 1000
-    what = f"micro-images of {wish.image_px:g} px would need F/{lens.f_number * as_it_is / excess:.3g}"
+    message = f"micro-images of {wish.image_px:g} px would need F/{lens.f_number * as_it_is / excess:.3g}"
     if wish.f_number is not None or wish.magnification is not None:
         hint = f"--f-number {widest:g} or more"
     elif wish.unfocused:  # the pupil grows as the square of their number
         hint = f"at most {_down(wish.image_px / math.sqrt(excess))} px per micro-image, a deeper range, or less --blur"
     else:
         hint = "a deeper range, or less --blur, --virtual-depth or --types"
-    return CameraError(f"{what}; the lens opens to F/{widest:g}", hint=hint)
+    return CameraError(f"{message}; the lens opens to F/{widest:g}", hint=hint)
 
 
 def _check(wish: PlenopticWish) -> None:
@@ -180,8 +180,8 @@ def _check(wish: PlenopticWish) -> None:
     if wish.types == 3 and wish.layout == "square":
         raise CameraError("three types on squares have no arrangement", hint="--layout hexagonal, or --types 1")
     if wish.virtual_depth is not None and (wish.unfocused or (has_range and wish.f_number is not None)):
-        what = "microlenses at their focal length have" if wish.unfocused else "a range and an F-number leave"
-        raise CameraError(f"{what} no virtual depth to choose", hint="leave out --virtual-depth, or --f-number")
+        message = "microlenses at their focal length have" if wish.unfocused else "a range and an F-number leave"
+        raise CameraError(f"{message} no virtual depth to choose", hint="leave out --virtual-depth, or --f-number")
     if wish.unfocused and has_range and wish.f_number is not None:
         raise CameraError("the range of an unfocused camera decides its F-number", hint="leave out --f-number")
 

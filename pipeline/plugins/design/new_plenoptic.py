@@ -39,7 +39,7 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
     try:
         design = designed(_prescription(lens, wish), plane, wish)
     except CameraError as error:  # what was typed cannot be
-        raise UsageError(error.what, hint=error.hint) from None
+        raise UsageError(error.message, hint=error.hint) from None
     array = design.camera.microlenses
     assert array is not None
     rig = RigWish(

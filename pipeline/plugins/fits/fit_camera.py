@@ -50,4 +50,4 @@ def fit(
     except FitError as error:
         if models or not camera.is_plenoptic:
             raise
-        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), left_out=error.what)
+        return CameraFit(opened=stage, camera=fit_camera(camera, [_DEFAULT]), left_out=error.message)

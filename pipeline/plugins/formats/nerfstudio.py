@@ -51,8 +51,8 @@ def write(material: Material, folder: Path) -> None:
     cameras = {camera.name: camera for camera in material.cameras}
     models = {_MODELS[camera.image_model.name] for camera in material.cameras}
     if len(models) > 1:
-        what = "transforms.json has one camera_model, and these cameras are OPENCV and OPENCV_FISHEYE"
-        raise ExportError(what, hint="choose some with --only; export.json of ros says which is which")
+        message = "transforms.json has one camera_model, and these cameras are OPENCV and OPENCV_FISHEYE"
+        raise ExportError(message, hint="choose some with --only; export.json of ros says which is which")
     frames = [
         {"file_path": view.image, **_intrinsics(cameras[view.camera]), **_poses(cameras[view.camera], view)}
         for view in material.views

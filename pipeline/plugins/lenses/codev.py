@@ -123,8 +123,8 @@ class _Sequence:
             raise UnreadableLens(self.path, f"{name} has no value", line=line)
         return [number(self.path, line, value, name) for value in values]
 
-    def lose(self, line: int | None, what: str) -> None:
-        self.lost.append(Lost(what=what, line=line))
+    def lose(self, line: int | None, statement: str) -> None:
+        self.lost.append(Lost(statement=statement, line=line))
 
     def _setting(self, line: int, name: str, values: list[str]) -> None:
         is_zero = bool(values) and not any(value.strip("+-0.") for value in values)
@@ -272,7 +272,7 @@ def _decided(sequence: _Sequence) -> PrintedLens:
         with suppress(UnreadableLens):
             lens = _lens(sequence, is_radius)
             if is_possible(lens.surfaces):
-                return replace(lens, lost=(Lost(what=f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
+                return replace(lens, lost=(Lost(statement=f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
     return _lens(sequence, is_radius=False)
 
 

@@ -55,12 +55,12 @@ class Glasses:
         try:
             return model(*numbers, name)
         except PipelineError as error:
-            raise UnreadableLens(self.path, f"surface {surface}: {error.what}", line=line, hint=error.hint) from None
+            raise UnreadableLens(self.path, f"surface {surface}: {error.message}", line=line, hint=error.hint) from None
 
-    def remark(self, line: int, surface: int, what: str) -> None:
+    def remark(self, line: int, surface: int, statement: str) -> None:
         """Say something of the glass of a surface, once for all surfaces that it is true of."""
-        if what:
-            self._remarks.setdefault(what, (line, []))[1].append(str(surface))
+        if statement:
+            self._remarks.setdefault(statement, (line, []))[1].append(str(surface))
 
     @staticmethod
     def wavelength_nm(media: Sequence[Named], primary_nm: float | None) -> float | None:
@@ -82,11 +82,11 @@ class Glasses:
             hint = "--glass NAME=vendor:OTHER replaces a glass, --glasses FILE.agf reads a catalogue of its maker"
             raise UnreadableLens(self.path, "; ".join(self._unknown.values()), hint=hint)
         return [
-            Lost(what=f"surface{'s' * (len(surfaces) > 1)} {', '.join(surfaces)}: {what}", line=line)
-            for what, (line, surfaces) in self._remarks.items()
+            Lost(statement=f"surface{'s' * (len(surfaces) > 1)} {', '.join(surfaces)}: {statement}", line=line)
+            for statement, (line, surfaces) in self._remarks.items()
         ]
 
     def _refused(self, name: str, line: int, surface: int, error: PipelineError) -> Named:
-        said = f"surface {surface}, line {line}: {error.what}" + (f", {error.hint}" if error.hint else "")
+        said = f"surface {surface}, line {line}: {error.message}" + (f", {error.hint}" if error.hint else "")
         self._unknown.setdefault(name.casefold(), said)
         return AIR

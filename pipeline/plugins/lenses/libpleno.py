@@ -45,7 +45,7 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
     except (KeyError, IndexError, TypeError, ValueError, ArithmeticError) as error:
         raise UnreadableLens(path, f"lacks something or has no number there: {error}") from None
     except CameraError as error:
-        raise UnreadableLens(path, error.what, hint=error.hint) from None
+        raise UnreadableLens(path, error.message, hint=error.hint) from None
 
 
 def _camera(path: str | Path, file: Json) -> PrintedCamera:
@@ -107,7 +107,7 @@ def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) 
     if layout == "square" or (shifted + count) % 2 == 0:
         return array, []
     line = "row" if layout == "hexagonal" else "column"
-    return array, [Lost(what=f"the outermost microlens of every other {line} is at its other end")]
+    return array, [Lost(statement=f"the outermost microlens of every other {line} is at its other end")]
 
 
 def _node(layout: str, k: int, l: int) -> tuple[float, float]:
@@ -197,4 +197,4 @@ def _lost(file: Json) -> list[Lost]:
         lost.append("distortion coefficients: the ideal thin lens has no distortion")
     if "scaling" in file:
         lost.append("the depth scaling polynomial")
-    return [Lost(what=what) for what in lost]
+    return [Lost(statement=statement) for statement in lost]

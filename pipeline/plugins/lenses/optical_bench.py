@@ -32,9 +32,9 @@ class _Bench:
     sections: dict[str, list[_Row]] = field(default_factory=dict)
     lost: list[Lost] = field(default_factory=list)
 
-    def number(self, line: int, text: str, what: str) -> float | None:
+    def number(self, line: int, text: str, quantity: str) -> float | None:
         """The number of a cell; None if it is empty."""
-        return number(self.path, line, text, what) if text else None
+        return number(self.path, line, text, quantity) if text else None
 
     def rows(self, section: str) -> list[_Row]:
         """Rows of a section, empty if the file has none."""
@@ -92,7 +92,7 @@ def _split(bench: _Bench) -> None:
             if name in _UNREAD:
                 raise UnreadableLens(bench.path, f"[{name}] makes surfaces diffract, which we cannot", line=line)
             if name not in (*_SKIPPED, "constants", "variable distances", "lens data", "aspherical data"):
-                bench.lost.append(Lost(what=f"section [{name}] is not read", line=line))
+                bench.lost.append(Lost(statement=f"section [{name}] is not read", line=line))
             rows = bench.sections.setdefault(name, [])
         elif rows is not None and cells[0] and not cells[0].startswith("#"):
             rows.append((line, cells))
@@ -108,11 +108,11 @@ def _choose(bench: _Bench, asked: int | None) -> None:
         raise UnreadableLens(bench.path, reason, line=line, hint=f"--scenario 1 to {count}")
     if count > 1 and asked is None:
         shown = ", ".join(lengths) or "not stated"
-        what = f"scenario 1 of {count} was read (focal lengths {shown}); --scenario takes another"
-        bench.lost.append(Lost(what=what, line=line))
+        statement = f"scenario 1 of {count} was read (focal lengths {shown}); --scenario takes another"
+        bench.lost.append(Lost(statement=statement, line=line))
     if (near_mm := bench.value("d0")) is not None:
-        what = f"the scenario is focused on an object {near_mm:g} mm away; a rig of this lens has its own focus"
-        bench.lost.append(Lost(what=what, line=rows["d0"][0]))
+        statement = f"the scenario is focused on an object {near_mm:g} mm away; a rig of this lens has its own focus"
+        bench.lost.append(Lost(statement=statement, line=rows["d0"][0]))
 
 
 def _surface(bench: _Bench, line: int, cells: list[str]) -> PrintedSurface:
@@ -152,8 +152,8 @@ def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]
     counts = [(line, cells) for line, cells in bench.rows("constants") if cells[0] == "AsphericalOddCount"]
     odd = next((int(number(bench.path, line, cells[1], cells[0])) for line, cells in counts if len(cells) > 1), 0)
     if odd and bench.rows("aspherical data"):
-        what = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
-        bench.lost.append(Lost(what=what, line=bench.rows("aspherical data")[0][0]))
+        statement = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
+        bench.lost.append(Lost(statement=statement, line=bench.rows("aspherical data")[0][0]))
     for line, cells in bench.rows("aspherical data"):
         if cells[0] not in ids:
             raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)

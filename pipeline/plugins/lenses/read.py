@@ -63,14 +63,14 @@ def read_lens(
     named = Glasses(path, catalogues, replaced)
     with computing(path):
         if kind == _TABLE:
-            what, lens = _from_table(path, named, **beam)
+            description, lens = _from_table(path, named, **beam)
         elif kind == _BENCH:
-            what, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
+            description, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
         else:
-            what, reader = _READERS[kind]
+            description, reader = _READERS[kind]
             choices = {".dat": spacing, ".lens": apertures, **dict.fromkeys(_NAMED, named)}
             lens = reader(path, choices[kind]) if kind in choices else reader(path)
-    origin = f"Imported from {Path(path).name}, {what}."
+    origin = f"Imported from {Path(path).name}, {description}."
     return replace(lens, provenance=(origin, *lens.provenance))
 
 
@@ -99,9 +99,9 @@ def _from_table(
 ) -> tuple[str, PrintedLens]:
     """A lens from a table of the Blender add-on or a plain table, with all semi-diameters known."""
     if is_blender(read_lines(path)):
-        what, lens, beam = "a lens table of the Blender add-on", read_blender(path), Beam()
+        description, lens, beam = "a lens table of the Blender add-on", read_blender(path), Beam()
     else:
-        what, (lens, beam) = "a table", read_table(path, glasses)
+        description, (lens, beam) = "a table", read_table(path, glasses)
     if f_number is not None:
         beam.f_number = f_number
     if half_field_deg is not None:
@@ -110,4 +110,4 @@ def _from_table(
         raise UnreadableLens(path, f"the F-number must be above 0, not {beam.f_number:g}")
     if any(not 0 <= angle < 90 for angle in beam.fields):
         raise UnreadableLens(path, f"the half field must be at least 0 and below 90 degrees, not {beam.fields[-1]:g}")
-    return what, sized(path, lens, beam, 1.0)
+    return description, sized(path, lens, beam, 1.0)

@@ -64,7 +64,7 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     lens = in_order(lens, is_sized)
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
-        ignored = Lost(what="vignetting factors; only semi-diameters block rays")
+        ignored = Lost(statement="vignetting factors; only semi-diameters block rays")
         return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
     shown = ", ".join(map(str, unknown))
     if not is_sized:
@@ -77,13 +77,13 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         wide_mm = pupil_mm(lens, beam, unit_mm)
         open_lens = with_clear_apertures(lens, wide_mm, fields)
     except PrescriptionError as error:
-        raise UnreadableLens(path, error.what, hint=error.hint) from None
+        raise UnreadableLens(path, error.message, hint=error.hint) from None
     vignetted = " with its vignetting factors" if beam.is_vignetted else ""
-    what = (
+    statement = (
         f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
         f" (entrance pupil {wide_mm:g} mm, half field {max(abs(seen.angle_deg) for seen in fields):g} degrees)"
     )
-    return replace(open_lens, lost=(*open_lens.lost, Lost(what=what)))
+    return replace(open_lens, lost=(*open_lens.lost, Lost(statement=statement)))
 
 
 def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
@@ -146,16 +146,16 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
         wide_mm = pupil_mm(lens, beam, unit_mm)
         rim_mm = with_clear_apertures(unsized, wide_mm, ()).surfaces[place].semi_diameter_mm or 0.0
     except PrescriptionError as error:
-        raise UnreadableLens(path, f"{beam.stated}: {error.what}", line=beam.line, hint=error.hint) from None
+        raise UnreadableLens(path, f"{beam.stated}: {error.message}", line=beam.line, hint=error.hint) from None
     if math.isclose(rim_mm, printed_mm, rel_tol=_SAME):
         return lens
     asked, there = _f_number(lens, wide_mm), _f_number(lens, wide_mm * printed_mm / rim_mm)
-    what = f"{beam.stated} is {asked}: the stop, surface {place + 1}, "
+    statement = f"{beam.stated} is {asked}: the stop, surface {place + 1}, "
     if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
         shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
-        return replace(lens, lost=(*lens.lost, Lost(what=f"{what}is {shape} and stays", line=beam.line)))
-    what += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
-    return replace(_with_stop(lens, place, rim_mm), lost=(*lens.lost, Lost(what=what, line=beam.line)))
+        return replace(lens, lost=(*lens.lost, Lost(statement=f"{statement}is {shape} and stays", line=beam.line)))
+    statement += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
+    return replace(_with_stop(lens, place, rim_mm), lost=(*lens.lost, Lost(statement=statement, line=beam.line)))
 
 
 def _with_stop(lens: PrintedLens, place: int, semi_diameter_mm: float | None) -> PrintedLens:

@@ -49,14 +49,14 @@ def read_lines(path: str | Path, raw: bytes | None = None) -> list[str]:
     return text.splitlines()
 
 
-def number(path: str | Path, line: int, text: str, what: str) -> float:
+def number(path: str | Path, line: int, text: str, quantity: str) -> float:
     """A finite number as written by Fortran, C or Python."""
     try:
         value = float(text.replace("D", "E").replace("d", "e"))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise UnreadableLens(path, f'{what} must be a number, not "{text}"', line=line)
+        raise UnreadableLens(path, f'{quantity} must be a number, not "{text}"', line=line)
     return value
 
 
@@ -72,4 +72,4 @@ def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None 
     shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
     at = "the d line" if of_lens_nm is None else f"{of_lens_nm:g} nm, the primary wavelength"
     loss = f"wavelengths {shown} nm: the lens has its indices at {at}, the camera its wavelength"
-    return [Lost(what=loss)]
+    return [Lost(statement=loss)]

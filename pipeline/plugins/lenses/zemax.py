@@ -133,15 +133,17 @@ class _System:
             self.primary = int(self._first(line, keyword, words))
         elif keyword == "ENVD":
             if [number(self.path, line, word, keyword) for word in words[:2]] != _STANDARD_AIR:
-                what = f"ENVD {' '.join(words[:2])}: indices and lengths are those at 20 degrees Celsius and 1 atm"
-                self.lost.append(Lost(what=what, line=line))
+                statement = f"ENVD {' '.join(words[:2])}: indices and lengths are those at 20 degrees Celsius and 1 atm"
+                self.lost.append(Lost(statement=statement, line=line))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
             current = f"number {words[1]}, which" if len(words) > 1 else "the one that"
-            what = f"{words[0]} configurations; this lens is {current} was current when the file was saved"
-            self.lost.append(Lost(what=what, line=line))
+            statement = f"{words[0]} configurations; this lens is {current} was current when the file was saved"
+            self.lost.append(Lost(statement=statement, line=line))
         elif keyword in _VIGNETTING:
             if any(number(self.path, line, word, keyword) for word in words):
-                self.lost.append(Lost(what=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line))
+                self.lost.append(
+                    Lost(statement=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line)
+                )
         elif keyword and not self.rows and keyword not in _SILENT.split():  # behind them: merit function
             self.unread.setdefault(keyword, line)
 
@@ -176,8 +178,8 @@ class _System:
         elif keyword == "SCBD" and any(number(self.path, line, word, keyword) for word in words[3:]):
             raise UnreadableLens(self.path, f"surface {len(self.rows) - 1} is tilted or decentred (SCBD)", line=line)
         elif keyword in _APERTURES:
-            what = f"surface {len(self.rows) - 1}: {keyword}, an aperture that is no circle"
-            self.lost.append(Lost(what=what, line=line))
+            statement = f"surface {len(self.rows) - 1}: {keyword}, an aperture that is no circle"
+            self.lost.append(Lost(statement=statement, line=line))
         elif keyword and keyword not in _SILENT.split():
             self.unread.setdefault(keyword, line)
 
@@ -193,7 +195,7 @@ class _System:
             row.inner = second
         elif keyword == "OBSC":
             loss = f"an obstruction from {first:g} to {second:g}, which leaves a hole inside"
-            self.lost.append(Lost(what=f"surface {len(self.rows) - 1}: {loss}", line=line))
+            self.lost.append(Lost(statement=f"surface {len(self.rows) - 1}: {loss}", line=line))
         elif keyword == "SQAP":
             row.half_widths = (first, second)
         elif row.semi_diameter is None or row.is_automatic:
@@ -265,14 +267,16 @@ def _frames(system: _System, unit_mm: float) -> list[np.ndarray]:
 def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
     lost, first, image = list(system.lost), system.rows[0], system.rows[-1]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
-        what = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
-        lost.append(Lost(what=what, line=first.line))
+        statement = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
+        lost.append(Lost(statement=statement, line=first.line))
         if system.working_f_number:
             system.beam.f_number = None
-            what = f"{system.beam.stated}, a working f-number at that distance; the semi-diameter of the stop is taken"
-            lost.append(Lost(what=what, line=system.beam.line))
+            statement = (
+                f"{system.beam.stated}, a working f-number at that distance; the semi-diameter of the stop is taken"
+            )
+            lost.append(Lost(statement=statement, line=system.beam.line))
     if image.curvature:
-        lost.append(Lost(what="the image surface is curved; sensors are flat", line=image.line))
+        lost.append(Lost(statement="the image surface is curved; sensors are flat", line=image.line))
     automatic = [
         i
         for i, row in system.surfaces
@@ -280,11 +284,15 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
     ]
     if automatic:
         shown = ", ".join(map(str, automatic))
-        lost.append(Lost(what=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
+        lost.append(
+            Lost(statement=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays")
+        )
     lost += text.other_wavelengths([1000 * w for w in dict.fromkeys(system.wavelengths_um.values())], wavelength_nm)
     idle = [word for word in system.unread if word in _NO_CONCERN.split()]
-    lost += [Lost(what=f"{word} is not read", line=line) for word, line in system.unread.items() if word not in idle]
-    return lost + ([Lost(what=f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
+    lost += [
+        Lost(statement=f"{word} is not read", line=line) for word, line in system.unread.items() if word not in idle
+    ]
+    return lost + ([Lost(statement=f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
 
 
 def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:

@@ -84,7 +84,7 @@ class Report:
                 return where / INDEX
             return self.write(out, warn=warn)
         except PipelineError as error:
-            warn(f"no report was written: {error.what}")
+            warn(f"no report was written: {error.message}")
         except OSError as error:
             warn(f"no report was written to {where}: {error.strerror}")
         return None

@@ -113,4 +113,4 @@ class Others:
         fallback = prim.GetAttribute("inputs:fallback")
         has_own = fallback and fallback.HasAuthoredValue()
         instead = f"inputs:fallback of <{prim.GetPath()}>" if has_own else "what is drawn without it"
-        return warning(error.thing, error.code, error.what, hint=f"drawn instead is {instead}")
+        return warning(error.thing, error.code, error.message, hint=f"drawn instead is {instead}")

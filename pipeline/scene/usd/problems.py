@@ -85,7 +85,7 @@ def blamed_on(file: str | None, line: int | None, at: str) -> Iterator[None]:
     except (UsageError, EnvironmentFault):
         raise
     except PipelineError as error:
-        blamed = Problem(code=IMPOSSIBLE, message=error.what, file=file, line=line, at=at, hint=error.hint)
+        blamed = Problem(code=IMPOSSIBLE, message=error.message, file=file, line=line, at=at, hint=error.hint)
         raise StageError([blamed]) from error
 
 
@@ -221,7 +221,7 @@ def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
     """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim."""
     if isinstance(error, UnreadableValue):
-        return problem(error.thing, error.code, error.what, hint=error.hint)
+        return problem(error.thing, error.code, error.message, hint=error.hint)
     if isinstance(error, PipelineError):
-        return problem(thing, IMPOSSIBLE, error.what, hint=error.hint)
+        return problem(thing, IMPOSSIBLE, error.message, hint=error.hint)
     return problem(thing, IMPOSSIBLE, "the lens has no first-order figures: it bends no light")

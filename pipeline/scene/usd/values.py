@@ -105,9 +105,9 @@ class UnreadableValue(PipelineError):
     code = "unreadable-value"
 
     def __init__(
-        self, what: str, thing: Usd.Prim | Usd.Property, hint: str | None = None, code: str | None = None
+        self, message: str, thing: Usd.Prim | Usd.Property, hint: str | None = None, code: str | None = None
     ) -> None:
-        super().__init__(what, hint=hint)
+        super().__init__(message, hint=hint)
         self.thing, self.code = thing, code or self.code
 
 

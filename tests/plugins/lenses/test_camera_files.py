@@ -96,7 +96,7 @@ def test_the_aperture_of_the_add_on_is_clipped_by_the_stop_and_the_lens_is_scale
 def test_what_the_add_on_says_beyond_that_is_named(tmp_path):
     text = BLENDER.replace("587.59", "500.0") + "prop_new;1\n"
     (blender_folder(tmp_path) / "mine.csv").write_text(text)
-    lost = {one.what.split(" = ")[0]: one.line for one in read_camera_file(tmp_path / "mine.csv").lost}
+    lost = {one.statement.split(" = ")[0]: one.line for one in read_camera_file(tmp_path / "mine.csv").lost}
     assert (lost["prop_focus_distance"], lost["prop_wavelength"], lost["prop_new is not read"]) == (10, 9, 20)
 
 
@@ -165,7 +165,7 @@ def test_the_microlenses_of_libpleno_stand_where_its_own_model_has_them(geometry
     ours = np.stack([-found.x_mm, -found.y_mm, array.distance_mm + found.z_mm - 57], axis=1)
     apart, node = cKDTree(nodes).query(ours)
     same = apart < 1e-12
-    lost = any("every other" in one.what for one in read_camera_file(tmp_path / "intrinsics.js").lost)
+    lost = any("every other" in one.statement for one in read_camera_file(tmp_path / "intrinsics.js").lost)
     assert len(ours) == columns * rows
     missing = np.count_nonzero(~same)
     assert missing <= (max(count) + 1) // 2 and (missing > 0) == lost
@@ -214,7 +214,7 @@ def test_tilt_and_pitches_are_kept_and_distortion_is_named(tmp_path):
     file["mla"]["mesh"]["pose"]["rotation"] = [["1", "0", "1e-3"], ["0", "1", "0"], ["-1e-3", "0", "1"]]
     (tmp_path / "a.js").write_text(json.dumps(file))
     camera = read_camera_file(tmp_path / "a.js")
-    array, said = camera.microlenses, " ".join(one.what for one in camera.lost)
+    array, said = camera.microlenses, " ".join(one.statement for one in camera.lost)
     assert (array.pitches_mm, array.columns, array.rows) == ((0.2, 0.2001), 11, 10)
     # Lenses at their +x, our -x, are nearer to the scene: a positive tilt about y.
     assert (array.tilt_x_deg, array.tilt_y_deg) == pytest.approx((0, np.degrees(1e-3)), rel=1e-6)

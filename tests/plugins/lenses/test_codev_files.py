@@ -126,7 +126,9 @@ def test_what_is_decided_or_left_out_is_said(tmp_path: Path) -> None:
         SEQ.replace("RDM;", "").replace("DIM M\n", "").replace("0.1e14", "500")
         + "ZOO 3\nTEM 20\nVUX 0 0\nTEM 40\nPIM\n"
     )
-    said = [one.what for one in read(tmp_path, "a.seq", text.replace("EPD 10.0", "FNO 4").replace("STO", "CIR 3")).lost]
+    said = [
+        one.statement for one in read(tmp_path, "a.seq", text.replace("EPD 10.0", "FNO 4").replace("STO", "CIR 3")).lost
+    ]
     assert said == [
         "no RDM: the numbers of surfaces are radii; as curvatures they make no lens",
         "TEM: a temperature; the lens is that of its indices",
@@ -153,6 +155,6 @@ def test_private_glasses_are_read_by_their_equation_or_their_table(tmp_path: Pat
     import_lens(tmp_path / "a.seq")
     one = read(tmp_path, "b.seq", "PRV\nPWL 587.6\n'ONE' 1.51\nEND\n" + SEQ.replace("1.6:50.0", "ONE"))
     assert (one.surfaces[0].index, one.surfaces[0].glass) == (1.51, "constant(1.51)")
-    assert "surface 1: private glass ONE is n_d 1.51, V_d None" in [one.what for one in one.lost]
+    assert "surface 1: private glass ONE is n_d 1.51, V_d None" in [one.statement for one in one.lost]
     wide = "PRV\nPWL 700.0 587.6 400.0\n'ONE' 1.5247 1.53116 1.5484\nEND\n" + SEQ.replace("1.6:50.0", "ONE")
     assert read(tmp_path, "b.seq", wide).surfaces[0].abbe == pytest.approx(WIDE_VD)

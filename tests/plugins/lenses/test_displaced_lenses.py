@@ -121,7 +121,7 @@ def test_surfaces_that_bend_nothing_stand_in_nobodys_way(tmp_path: Path) -> None
     text = zmx(lens(0.02, 4, GLASS), lens(-0.01, 6), lens(0, -3), STOP)
     found = read(tmp_path, "a.zmx", text)
     assert found.surfaces == read(tmp_path, "a.zmx", zmx(lens(0.02, 4, GLASS), lens(-0.01, 3), STOP)).surfaces
-    assert found.lost[0].what.startswith("surfaces that bend nothing")
+    assert found.lost[0].statement.startswith("surfaces that bend nothing")
     assert "thickness -3 mm leads back" in refused(
         import_lens, tmp_path, "a.zmx", text.replace("DISZ -3", "DISZ -3\n" + GLASS)
     )

@@ -27,7 +27,7 @@ read, refused = (partial(act, read_lens) for act in (on_the_spot.read, on_the_sp
 
 
 def said(lens: PrintedLens) -> str:
-    return "\n".join(lost.what for lost in lens.lost)
+    return "\n".join(lost.statement for lost in lens.lost)
 
 
 @pytest.mark.parametrize(

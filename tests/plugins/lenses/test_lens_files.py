@@ -78,7 +78,7 @@ def zmx(*surface: str) -> str:
 def test_zemax_names_what_it_cannot_keep(tmp_path: Path) -> None:
     waves = "FTYP 0 0 1 2 0\nWAVM 1 0.4861 1\nWAVM 2 0.5876 1\nWAVM 3 0.55 1\n"
     text = "COAT_FILE x\nVDYN 0.1 0\n" + waves + zmx("  ELAP 3 3").replace("DIAM 5 1", "DIAM 5 0") + "EFLY 1 43 0\n"
-    lost = {one.what.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
+    lost = {one.statement.split(":")[0].split(" nm")[0]: one.line for one in read(tmp_path, "a.zmx", text).lost}
     assert lost["COAT_FILE is not read"] == 1
     assert lost["VDYN"] == 2
     assert "EFLY is not read" not in lost  # an operand of the merit function, behind the surfaces
@@ -110,7 +110,7 @@ def test_the_name_of_a_zemax_glass_counts_and_a_number_only_without_one(
     lens = read(tmp_path, "a.zmx", "GCAT SCHOTT_2014\n" + zmx(f"  GLAS {glass}"))
     assert lens.surfaces[0].index == pytest.approx(index, abs=6e-6)
     assert len(lens.lost) == len(said)
-    assert all(words in one.what and one.line == 10 for words, one in zip(said, lens.lost, strict=True))
+    assert all(words in one.statement and one.line == 10 for words, one in zip(said, lens.lost, strict=True))
 
 
 def test_all_unknown_glasses_of_a_file_are_refused_at_once_with_near_names(tmp_path: Path) -> None:
@@ -147,10 +147,10 @@ def test_a_gap_of_gas_is_traced_and_is_no_element(tmp_path: Path) -> None:
 
 def test_configurations_surroundings_and_what_is_of_no_concern_are_said_rightly(tmp_path: Path) -> None:
     text = "ENVD 2.0E+1 1 0\n" + zmx("  COAT AR", "  LUID 23") + "MNUM 3 2\n"
-    (many, rest) = (one.what for one in read(tmp_path, "a.zmx", text).lost)
+    (many, rest) = (one.statement for one in read(tmp_path, "a.zmx", text).lost)
     assert many == "3 configurations; this lens is number 2, which was current when the file was saved"
     assert rest == "of no concern to the lens: COAT, LUID"
-    (warm,) = (one.what for one in read(tmp_path, "a.zmx", "ENVD 60 1 1\n" + zmx()).lost)
+    (warm,) = (one.statement for one in read(tmp_path, "a.zmx", "ENVD 60 1 1\n" + zmx()).lost)
     assert warm.startswith("ENVD 60 1: ")
 
 
@@ -181,7 +181,7 @@ def test_the_system_aperture_of_zemax_opens_the_stop(said: str, pupil_mm: float,
     (lost,) = lens.lost
     asked, there = EFL_OF_ZMX_MM / pupil_mm, EFL_OF_ZMX_MM / (10 / STOP_OF_PUPIL)
     assert lost.line == 1
-    assert lost.what == (
+    assert lost.statement == (
         f"{said[:7].strip()} is f/{asked:.3g}: the stop, surface 3, gets semi-diameter {rim_mm:.6g} mm"
         f" in place of 5 mm, f/{there:.3g}"
     )
@@ -201,7 +201,7 @@ def test_the_stop_of_a_zemax_file_stays_where_it_decides(text: str, named: list[
     lens = read(tmp_path, "a.zmx", text)
     assert lens.surfaces[2].semi_diameter_mm == 5
     assert len(lens.lost) == len(named)
-    assert all(words in one.what for words, one in zip(named, lens.lost, strict=True))
+    assert all(words in one.statement for words, one in zip(named, lens.lost, strict=True))
 
 
 def test_a_ring_of_codev_stays_where_it_is_smaller_than_the_system_aperture(tmp_path: Path) -> None:
@@ -264,7 +264,7 @@ def test_a_rectangle_alone_decides_how_far_a_surface_reaches(tmp_path: Path) -> 
 
 
 def test_obstructions_that_leave_a_hole_are_named(tmp_path: Path) -> None:
-    lost = [one.what for one in read(tmp_path, "a.zmx", zmx("  OBSC 1 2 0")).lost]
+    lost = [one.statement for one in read(tmp_path, "a.zmx", zmx("  OBSC 1 2 0")).lost]
     assert "surface 1: an obstruction from 1 to 2, which leaves a hole inside" in lost
 
 
@@ -281,7 +281,7 @@ def test_codev_fills_in_what_the_beam_needs_and_says_so(tmp_path: Path) -> None:
     assert stop.semi_diameter_mm == pytest.approx(5 * (1 - power * behind), rel=1e-12)
     slope = np.tan(np.radians(14))
     assert first.semi_diameter_mm == pytest.approx(5 + slope * behind / (1 - power * behind), rel=1e-12)
-    said = [one.what for one in lens.lost]
+    said = [one.statement for one in lens.lost]
     assert any("surfaces 1, 2, 3 have no semi-diameter" in what for what in said)
     assert any("a defocus of -0.4" in what for what in said)
 
@@ -304,9 +304,9 @@ ROWS = "50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 {last} 1 18\n"
 
 def test_pbrt_says_how_it_read_the_thicknesses(tmp_path: Path) -> None:
     after = read(tmp_path, "a.dat", ROWS.format(last=0))
-    assert "the space after each surface (the last row has thickness 0)" in after.lost[0].what
+    assert "the space after each surface (the last row has thickness 0)" in after.lost[0].statement
     before = read(tmp_path, "a.dat", "50 0 1.5 18\n-50 4 1 18\n0 2 0 10\n-40 3 1.6 18\n-60 3 1 18\n")
-    assert "the space before each surface (the first row has thickness 0)" in before.lost[0].what
+    assert "the space before each surface (the first row has thickness 0)" in before.lost[0].statement
     assert before.surfaces == after.surfaces
     assert before.surfaces[2].is_stop and before.surfaces[0].semi_diameter_mm == 9
 
@@ -322,7 +322,7 @@ def test_pbrt_asks_when_both_readings_are_possible(tmp_path: Path) -> None:
 def test_pbrt_decides_by_surfaces_that_would_cross(tmp_path: Path) -> None:
     text = "20 6 1.5 18\n-20 0.1 1 18\n0 9 0 10\n-40 3 1.6 18\n-60 7 1 18\n"
     lens = read(tmp_path, "a.dat", text)
-    assert lens.lost[0].what.endswith('the space after each surface (read as "before", surfaces would cross)')
+    assert lens.lost[0].statement.endswith('the space after each surface (read as "before", surfaces would cross)')
 
 
 def test_pbrt_planes_in_glass_are_no_stops_and_two_stops_are_refused(tmp_path: Path) -> None:

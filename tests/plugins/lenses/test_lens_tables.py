@@ -94,7 +94,7 @@ def test_names_and_delimiters_do_not_matter(tmp_path, header):
     text = "\n".join([header, *(row.replace(",", mark) for row in rows)])
     found = read(tmp_path, text, "lens.txt", **BEAM)
     assert shapes(found) == shapes(read(tmp_path, TABLE, **BEAM))
-    assert found.lost[0].what.startswith("surfaces 1, 2")
+    assert found.lost[0].statement.startswith("surfaces 1, 2")
 
 
 def test_planes_stops_glasses_and_aspheres_are_understood(tmp_path):
@@ -161,7 +161,7 @@ def test_decimal_commas_between_semicolons_and_columns_of_no_known_name_are_name
     text = TABLE.replace(",", ";").replace("22.01359", "22,01359")
     assert 'radius must be a number, not "22,01359"\n    hint: write decimals with a point' in refused(tmp_path, text)
     lens = read(tmp_path, TABLE.replace("vd", "vdd"), **BEAM)
-    assert lens.lost[0].what.startswith('column "vdd" is not known') and lens.lost[0].line == 3
+    assert lens.lost[0].statement.startswith('column "vdd" is not known') and lens.lost[0].line == 3
     (tmp_path / "lens.zmx").write_text("")
     assert "are for tables" in refused(tmp_path, "", "lens.zmx", f_number=4.0)
 

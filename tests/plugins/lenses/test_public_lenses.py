@@ -107,7 +107,7 @@ def judged(path: Path, lens: PrintedLens, indices: Indices, prescription: Prescr
         ((name, raw),) = [(name, raw) for name, raw in members if name.lower().endswith(".zmx")]
     catalogues: list[str] = []
     if name.lower().endswith(".seq"):
-        rows = naive.codev(naive.text_of(raw), is_radius="are radii" in " ".join(one.what for one in lens.lost))
+        rows = naive.codev(naive.text_of(raw), is_radius="are radii" in " ".join(one.statement for one in lens.lost))
     else:
         rows, catalogues = naive.zemax(naive.text_of(raw))
     um = D_UM if lens.wavelength_nm == D_LINE_NM else lens.wavelength_nm / 1000  # printed indices are n_d
