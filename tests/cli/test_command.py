@@ -115,10 +115,10 @@ def test_plan_explain_and_status_agree(pipeline, stage):
 
 
 def test_every_verb_that_answers_does_so_in_json(run, conventional_build):
-    asked = [("cache", "path"), ("target", "targets/charuco_8x5.usda"), ("report", str(conventional_build), "-o", "r")]
+    asked = [("cache", "path"), ("target", "targets/charuco_8x5.usda")]
     answers = [json.loads(run(*words, "--json")[1]) for words in asked]
     assert answers[1]["kinds"] == ["corner"] * len(answers[1]["points_mm"]) and len(answers[1]["kinds"]) == 28
-    assert Path(answers[0]["store"]).is_absolute() and Path(answers[2]["report"]).is_file()
+    assert Path(answers[0]["store"]).is_absolute()
     stage = str(Path(conventional_build) / "dataset.usda")
     assert json.loads(run("graph", stage, "--json")[1])["groups"]
 

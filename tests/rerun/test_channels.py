@@ -16,7 +16,6 @@ from stage_text import edited, exposed
 import pipeline
 from pipeline.app.build import Result
 from pipeline.app.verify import verify
-from pipeline.exports.export import export
 from pipeline.formats import pairs
 
 BAYER = """token[] plen:response:filters = ["red", "green", "green", "blue"]
@@ -75,13 +74,6 @@ def test_an_opened_folder_has_a_camera_for_each_channel(built: Result) -> None:
     assert red.correspondences.x_px.tolist() != blue.correspondences.x_px.tolist()
     assert set(red.correspondences.channel) == {"red"}
     np.testing.assert_array_equal(red.views[0].poses.camera_from_world, blue.views[0].poses.camera_from_world)
-
-
-def test_an_export_names_the_image_of_each_channel(built: Result, tmp_path: Path) -> None:
-    (folder,) = export(pipeline.open_output(built.out), ["coco"], tmp_path)
-    images = json.loads((folder / "coco.json").read_text(encoding="utf-8"))["images"]
-    assert images[0]["file_name"] == "frames/0001/Rig.Camera/red/image.png"
-    assert all((built.out / image["file_name"]).exists() for image in images)
 
 
 def test_a_bayer_pattern_takes_each_pixel_from_its_channel(tmp_path: Path) -> None:

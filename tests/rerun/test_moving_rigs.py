@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 from stage_text import tiny_text
 from tolerances import SAME_GEOMETRY_PX
 
-import pipeline
-from pipeline.exports.export import export
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import read_table
 from pipeline.frames import inverse, rigid
@@ -98,13 +96,3 @@ def test_every_frame_says_where_the_camera_was(builds):
         np.testing.assert_allclose(plain["targets"]["Board"]["camera_from_target"], expected, rtol=0, atol=1e-9)
         through = np.array(plain["pinhole"]["pinhole_from_world"])
         assert np.abs(inverse(through) - np.array(plain["pinhole"]["world_from_pinhole"])).max() < 1e-9
-
-
-def test_exports_follow_the_rig(builds, tmp_path):
-    """Poses of frames differ in COLMAP's list of images."""
-    _, (folder, _) = builds
-    export(pipeline.open_output(folder), ["colmap"], tmp_path)
-    lines = [
-        one.split() for one in next((tmp_path / "colmap").rglob("images.txt")).read_text().splitlines() if ".png" in one
-    ]
-    assert len({tuple(line[1:8]) for line in lines}) == len(PLACES)

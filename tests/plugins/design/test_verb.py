@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import ROOT
+from stage_text import head
 
 from pipeline.scene.load import load
 
@@ -14,6 +15,16 @@ SENSOR = "sensors/sensor_640x480_10um.usda"
 THIN = ("--focal-length", "50", "--sensor", SENSOR)
 REAL = ("--lens", "lenses/double_gauss_100mm_tronnier.usda", "--sensor", SENSOR)
 RANGE = ("--near", "380", "--far", "480")
+SMALL = """def PlenSensor "Sensor"
+{
+    uniform double plen:pixelPitch = 0.0055
+    uniform int2 plen:resolution = (600, 450)
+}
+"""
+UNFOCUSED = (
+    *("--lens", "lenses/double_gauss_50mm_tronnier.usda", "--sensor", "s.usda", "--near", "400", "--far", "3000"),
+    *("--unfocused", "--micro-image", "14"),
+)
 
 
 def test_a_designed_rig_passes_check_and_real_rays_keep_its_promise(run):
@@ -49,6 +60,27 @@ def test_an_unfocused_rig_of_the_library_says_where_its_views_meet(run):
     assert load("r.usda", look=True).problems == []
     table = output.partition("refocusing")[2].splitlines()[2:11]
     assert [float(table[row].split()[1]) for row in (0, -1)] == pytest.approx([-1, 1], abs=0.02)
+
+
+def test_design_show_fit_and_planes_of_an_unfocused_rig_say_the_same_range(run):
+    """Lytro's kind; by its micro-images everything from 44 to 409 mm would be sharp, and boards stood there."""
+    Path("s.usda").write_text(head("Sensor") + SMALL, encoding="utf-8")
+    assert run("design", "plenoptic", "r.usda", *UNFOCUSED)[0] == 0
+    figures = json.loads(run("show", "r.usda", "--json")[1])
+    assert figures["depth_of_field_mm"] == pytest.approx([400, 3000], rel=1e-6)
+    assert figures["near_far_mm"][0] == pytest.approx(400, rel=1e-6)
+    wanted = ("--target", "targets/checkerboard_4x7.usda", "--fit", "--poses", "2")
+    code, _, said = run("new", "dataset", "d.usda", "--rig", "r.usda", *wanted)
+    assert (code, "warning" in said) == (0, False)
+    boards = [np.array(frame.world_from_target["Board"])[2, 3] for frame in load("d.usda").dataset.frames]
+    assert all(-3000 < z_mm < -400 for z_mm in boards)
+    text = Path("d.usda").read_text(encoding="utf-8")
+    for z_mm, is_seen in ((143, False), (600, True)):  # micro-images have squares of 1.2 px, without blur, at 143 mm
+        moved = re.sub(r"(translate.timeSamples = \{)[^}]*", rf"\1 1: (0, 0, -{z_mm}) ", text)
+        near = re.sub(r"squareSize = [\d.]+", "squareSize = 1.49", moved).replace("endTimeCode = 2", "endTimeCode = 1")
+        Path("near.usda").write_text(near, encoding="utf-8")
+        codes = [problem.code for problem in load("near.usda", look=True).problems]
+        assert codes == ([] if is_seen else ["blank"])
 
 
 def test_the_rig_of_the_example_is_what_its_command_writes(run):

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from builds import made
 from places import ROOT
 from plugins.formats.pretended import DISTORTION, Scene, write_build, write_manifest
+from rerun.channels import TRIANGLE, stage_at
 from typer.testing import CliRunner
 
 from pipeline import cli
@@ -123,6 +125,15 @@ def test_cameras_of_the_other_kind_are_refused(command, plenoptic_build):
     code, _, told = command("opencv", plenoptic_build)
     assert code == 2 and "opencv expects one position per point, and Rig.Camera is plenoptic" in told
     assert "formats for it:" in told and "npz" in told
+
+
+def test_coco_names_the_image_of_each_channel(tmp_path, common_store):
+    stage = stage_at(tmp_path, "conventional", dict(list(TRIANGLE.items())[::2]))
+    built = made(stage, tmp_path / "out", common_store)
+    (folder,) = export(open_output(built.out), ["coco"], tmp_path)
+    images = json.loads((folder / "coco.json").read_text(encoding="utf-8"))["images"]
+    assert images[0]["file_name"] == "frames/0001/Rig.Camera/red/image.png"
+    assert all((built.out / image["file_name"]).exists() for image in images)
 
 
 def test_cameras_that_move_against_each_other_are_no_rig(tmp_path):

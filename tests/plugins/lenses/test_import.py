@@ -1,11 +1,19 @@
-"""`pipeline import` as a user meets it: the stage on stdout or in a file, what was lost on stderr, exit codes."""
+"""`pipeline import` as a user meets it: the stage on stdout or in a file, what was lost on stderr, exit codes, and that
+nothing in a file steers the terminal.
+"""
 
 import subprocess
 import sys
 
 import pytest
+from shorter import few
 
 TABLE = "# A doublet\n50 4 1.5 18\n-50 2 1 18\n0 3 0 10\n-40 3 1.6 18\n-60 0 1 18\n"
+OF_TERMINALS = (
+    "radius thickness index semi\n50 5 1.5 10\n\x1b[31m50 5 1 \x9b10\n",
+    "VERS\x1b[31m 1\nUNIT \x9b5m\nGLAS \x1b]0;x\x07\n",
+    "RDM;LEN\nS \x1b[2J 1e3 5 \x07\nGO\n",
+)
 
 
 @pytest.fixture
@@ -63,3 +71,33 @@ def test_readers_load_neither_usd_nor_a_compiler():
     program = "import sys, pipeline.plugins.lenses.read; print({'pxr', 'numba', 'typer', 'rich'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+
+
+def spoken(folder, *words):
+    """Exit code, stdout and stderr of the command, whose streams keep terminals safe."""
+    command = [sys.executable, "-m", "pipeline", "import", *words]
+    ended = subprocess.run(command, cwd=folder, capture_output=True, check=False)
+    return ended.returncode, ended.stdout, ended.stderr
+
+
+@pytest.mark.parametrize("suffix", few(["dat"], "txt", "csv", "zmx", "seq", "lens"))
+def test_nothing_of_a_lens_file_steers_the_terminal(suffix, tmp_path):
+    for text in OF_TERMINALS:
+        (tmp_path / f"lens.{suffix}").write_text(text)
+        code, output, log = spoken(tmp_path, "lens", f"lens.{suffix}")
+        assert code in (0, 2) and log and not set(output + log) & {0x1B, 0x07, 0x9B}, log
+
+
+CAMERAS = (
+    ("camera.js", '{"main_lens": {"f": "\x1b[31m5\x9b", "aperture": "4"}, "mla\x1b[2J": {}, "sensor": {}}'),
+    ("camera.js", '{"main_lens": {"f": "5"}, "mla": {"mesh": {"geometry": "\x1b[31m3"}}, "sensor": {"odd\x07": "1"}}'),
+    ("camera.csv", "objective_file_name;\x1b[31mtable\nprop_mla_type;\x9bHEX\n"),
+    ("camera.csv", "objective_file_name;table\nprop_\x1b]0;x\x07\n"),
+)
+
+
+@pytest.mark.parametrize(("name", "text"), CAMERAS)
+def test_nothing_of_a_camera_file_steers_the_terminal(name, text, tmp_path):
+    (tmp_path / name).write_text(text)
+    code, output, log = spoken(tmp_path, "camera", name)
+    assert (code, output) == (2, b"") and log and not set(log) & {0x1B, 0x07, 0x9B}, log
