@@ -17,7 +17,9 @@ from sybil import Document, Example, Sybil
 from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 from typer.testing import CliRunner
 
+from pipeline.app.verbs.terminal import Verbs
 from pipeline.cli import app
+from pipeline.entry_points import offered
 from pipeline.scene.load import load
 
 NAMES = ("README", "CONTRIBUTING", "CONVENTIONS", "docs/**/*", *(f"{folder}/**/*" for folder in ("examples", "stages")))
@@ -86,6 +88,10 @@ def words_of(line: str) -> list[str]:
     return words[first:end]
 
 
+def is_of_a_missing_plug_in(words: list[str]) -> bool:
+    return words[1] in Verbs.plug_ins and words[1] not in offered("verb")
+
+
 def parsed(words: list[str]) -> None:
     """Parse a command of `pipeline` as typer does, which raises where it cannot be; no file is read."""
     command, rest = typer.main.get_command(app), words[1:]
@@ -101,8 +107,9 @@ def reader(run: set[str]) -> Sybil:
 
     def look_at(example: Example) -> None:
         for words in commands(str(example.parsed)):
-            if words[0] == "pipeline":
-                parsed(words)
+            if words[0] != "pipeline" or is_of_a_missing_plug_in(words):
+                continue
+            parsed(words)
             shown = example.region.lexemes["arguments"] == "console" and Path(example.path) in HOW_TOS
             if shown and words[1] in run:
                 done = CliRunner().invoke(app, words[1:])
