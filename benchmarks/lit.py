@@ -19,6 +19,7 @@ import argparse
 import base64
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,16 +30,15 @@ import pipeline
 from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
 from pipeline.frames import apply
-from pipeline.graph.poses import Things, target_poses
 from pipeline.jit.decorators import kernel
+from pipeline.plugins.scenes.graph import LitThings
+from pipeline.plugins.scenes.tasks.images import lit_view
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.render.lighting.draws import Names, draw, points
 from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.preview import preview_picture
-from pipeline.tasks.images import scene_of
-from pipeline.tasks.params.frames import PaintedView
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/05_scene/dataset.usda"
 _WIDTH_PX, _HEIGHT_PX, _HALF_WIDTH = 160, 100, 0.3
@@ -232,18 +232,11 @@ def their_lamp(mi: Any, lamp: Lamp, pose: np.ndarray) -> dict[str, Any]:
 def example_05() -> tuple[LitView, list[list[int]]]:
     """The first frame of example 05 before its first camera, and the numbers of the lights of each channel."""
     dataset = pipeline.open_dataset(STAGE)
-    entries, things = dataset.cameras[0].in_channels, Things(dataset, painted=True)
+    entries, things = dataset.cameras[0].in_channels, LitThings(dataset, painted=True)
     entry, frame = entries[0], dataset.frames[0]
     slices = [entry.channel.slices for entry in entries if entry.channel]
-    view = PaintedView(
-        targets=things.targets(target_poses(dataset, frame, entry.name), named=False),
-        occluders=things.occluders(frame, entry.name),
-        background=dataset.background,
-        lighting=things.lighting(frame, entry.name, entry.bounces),
-        lights=tuple(light for of_channel in slices for light in of_channel),
-    )
-    lit = scene_of(view, {})
-    assert isinstance(lit, LitView)
+    lights = tuple(light for of_channel in slices for light in of_channel)
+    lit = lit_view(replace(things.view(frame, entry, ()), lights=lights), {})
     ends = np.cumsum([0, *map(len, slices)]).tolist()
     pictures = {
         entry.name: decoded(base64.b64decode(entry.encoded), entry.suffix, entry.space) for entry in dataset.pictures

@@ -16,10 +16,9 @@ import pipeline
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.graph.frame_tasks import exposure_of
-from pipeline.graph.poses import Things, target_poses
+from pipeline.plugins.scenes.graph import LitThings
+from pipeline.plugins.scenes.tasks.images import lit_view
 from pipeline.render.imaging import pictures_in_lights, white_parts
-from pipeline.tasks.images import scene_of
-from pipeline.tasks.params.frames import PaintedView
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/04_stereo_colour/dataset.usda"
 _FRAME, _ROWS = 1, (150, 182)
@@ -34,15 +33,8 @@ def main() -> None:
     dataset = pipeline.open_dataset(STAGE)
     entry = next(one for one in dataset.cameras[0].in_channels if one.channel and one.channel.name == "green")
     assert entry.channel is not None
-    frame, things, exposure = dataset.frames[_FRAME], Things(dataset, painted=True), exposure_of(entry)
-    view = PaintedView(
-        targets=things.targets(target_poses(dataset, frame, entry.name), named=False),
-        occluders=things.occluders(frame, entry.name),
-        background=dataset.background,
-        lighting=things.lighting(frame, entry.name, entry.bounces),
-        lights=entry.channel.slices,
-    )
-    scene, camera = scene_of(view, {}), entry.camera.in_light(entry.channel)
+    frame, things, exposure = dataset.frames[_FRAME], LitThings(dataset, painted=True), exposure_of(entry)
+    scene, camera = lit_view(things.view(frame, entry, ()), {}), entry.camera.in_light(entry.channel)
     images, seconds = [], []
     for seed in range(11, 11 + seeds):
         rig = Rig.of(Tracer(camera, seed))

@@ -5,6 +5,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from itertools import chain
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -15,19 +16,15 @@ from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
+from pipeline.entry_points import offered, plugged_in
 from pipeline.jit.files import opened
 from pipeline.optics.prescription import Prescription, Surface
-from pipeline.records.plain import to_plain
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
-from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.records import Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.targets.mesh import MeshTarget, Occluder
@@ -53,7 +50,8 @@ def compile_kernels(steps: Iterable[str], share: int | None = None) -> set[str]:
     `share`: 0 or 1, that of one of two processes.
     """
     asked = set(steps)
-    parts = [part for part in _PARTS if asked.issuperset(part.steps.split())]
+    plugged = (plugged_in("kernel", name) for name in sorted(offered("kernel")))
+    parts = [part for part in (*_PARTS, *chain(*plugged)) if asked.issuperset(part.steps.split())]
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
         for part in parts if share is None else shares(parts)[share]:
@@ -134,29 +132,6 @@ def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
     pictures(rig, 1, scenes, np.array([white - foreign, foreign]))
 
 
-def _paths_of_light() -> None:
-    corners = np.array([[-9.0, -9.0, 50.0], [9.0, -9.0, 50.0], [0.0, 9.0, 50.0], [0.0, 0.0, 60.0]])
-    card = Occluder(vertices_mm=corners[:3], triangles=np.array([[0, 1, 2]]))
-    prism = Occluder(vertices_mm=corners, triangles=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))
-    hole = Material(opacity_threshold=0.5, opacity=Input(value=(0.0,)))
-    glass = Material(roughness=Input(value=(0.0,)), glass=Glass(wavelengths_nm=(550.0,), indices=(1.5,)))
-    sky = PlacedLamp(
-        lamp=to_plain(Lamp(kind="dome", radiance=(1.0, 1.0, 1.0), texture="sky")), vision_from_lamp=np.eye(4).tolist()
-    )
-    view = LitView(
-        targets=[],
-        occluders=[(card, np.eye(4)), (prism, np.diag([1.0, 1.0, 1.2, 1.0])), (card, np.diag([1.0, 1.0, 2.0, 1.0]))],
-        lighting=Lighting(
-            lamps=(sky,), finishes=tuple(to_plain(Finish(materials=(part,))) for part in (hole, glass, Material()))
-        ),
-        pictures={"sky": np.ones((2, 4, 4), np.float32)},
-        background=0.0,
-        lights=(alone(550.0) * 2,),
-    )
-    rays = np.tile([0.0, 0.0, 1.0], (4, 1))
-    view.in_light(0).radiance(np.zeros((4, 3)), rays, Names(np.zeros(4, np.uint32), np.arange(4)))
-
-
 def _shapes() -> None:
     _SQUARES.radiance(np.zeros(1), np.zeros(1))
     point = ((0.0, 0.0, 1.0),)
@@ -198,7 +173,6 @@ _PARTS = (
     Part("company", 1.2, lambda: _pictures(_tracer(), [_CARD])),
     Part("company", 0.1, lambda: _shine(Target(_SQUARES))),
     Part("shapes", 1.2, _shapes),
-    Part("lighting", 16.2, _paths_of_light),
     Part("search", 1.6, _search),
     Part("sensor", 1.3, _sensor),
 )

@@ -18,9 +18,8 @@ _MODULES = {
     "camera": ("camera", "pinhole", "first_order"),
     "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
     "derivatives": ("derivatives",),
-    "labels": ("labels", "labels_tile"),
     "micro_images": ("micro_images", "micro_images_tile"),
-    "pictures": ("picture", "sheet"),
+    "pictures": ("sheet",),
     "poses": ("frame_poses", "baselines"),
     "raw_images": ("expose", "transmission", "fixed_pattern"),
     "rays": ("rays", "rays_tile"),
@@ -29,14 +28,15 @@ _MODULES = {
 KINDS = {kind: f"pipeline.tasks.{module}:{kind}" for module, kinds in _MODULES.items() for kind in kinds} | {
     kind: f"pipeline.tasks.{kind}" for kind in ("certificate", "colour_image", "export", "parts", "positions")
 }
-"""Kinds of tasks by the name with which names of their tasks begin."""
+"""Kinds of the core's tasks by the name with which names of their tasks begin."""
 
 
 def add(
     graph: TaskGraph, name: str, params: Any, reads: dict[str, str] | None = None, together: str | None = None
 ) -> str:
-    """Add a task whose name begins with its kind, and return its name."""
-    return graph.add(name, KINDS[name.partition("/")[0]], to_plain(params), reads, together)
+    """Add a task whose name begins with its kind, and return its name. Params of a plug-in name the module of it."""
+    kind, module = name.partition("/")[0], getattr(params, "MODULE", None)
+    return graph.add(name, f"{module}:{kind}" if module else KINDS[kind], to_plain(params), reads, together)
 
 
 def add_tiles(

@@ -5,17 +5,18 @@ appear only in the params of tasks that write them.
 """
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
+from pipeline.entry_points import plugged_in
 from pipeline.graph.adding import add, add_passes, add_tiles
 from pipeline.graph.derivatives import add_derivatives
 from pipeline.graph.exports import add_exports
-from pipeline.graph.frame_tasks import FrameTasks, add_labels, channel_label, exposure_of, light_of
+from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
 from pipeline.graph.poses import Things, matrix, poses_at_lines, target_poses, targets_json
 from pipeline.graph.settled import camera_task
 from pipeline.graph.tiles import bundle_bands, image_bands, microlens_tiles, strips
@@ -37,15 +38,16 @@ class DatasetGraph(NamedTuple):
 def graph_of(dataset: Dataset) -> DatasetGraph:
     """The tasks of a dataset, and what its build delivers."""
     made = graph, files, certificates = DatasetGraph(TaskGraph(), {}, {})
-    painted, bare = (Things(dataset, painted=painted) for painted in (True, False))
+    scenes = _scenes(dataset)
+    things = scenes.LitThings if scenes and _is_lit(dataset) else Things
+    painted, bare = (things(dataset, painted=painted) for painted in (True, False))
     for entry in dataset.targets:
         files[f"targets/{entry.name}.json"] = targets_json(entry)
         if isinstance(entry.target, Target):
             sheet = frames.Sheet(target=plain_from_target(entry.target))
             files[entry.picture_file] = (add(graph, f"sheet/{entry.name}", sheet), frames.SHEET)
-    for picture in dataset.pictures:
-        params = frames.PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
-        files[picture.file] = (add(graph, f"picture/{picture.name}", params), frames.source_name(picture.suffix))
+    if scenes:
+        scenes.add_pictures(graph, files, dataset)
     for camera in dataset.cameras:
         with blamed_on(camera.file, camera.line, camera.prim_path):
             _add_camera(graph, files, camera)
@@ -62,12 +64,22 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
             add_derivatives(graph, files, dataset, camera)
             _add_colours(graph, files, camera, dataset)
             add_raw(graph, files, camera, dataset)
-    for camera in dataset.cameras:  # flow reads a camera in its next state, too
-        add_labels(graph, files, dataset, camera, bare)
+    for camera in dataset.cameras if scenes else ():  # flow reads a camera in its next state, too
+        scenes.add_labels(graph, files, dataset, camera, bare)
     if any(len(frame.camera_from_world) > 1 for frame in dataset.frames):
         files["baselines.csv"] = (_add_baselines(graph, dataset), frames.BASELINES)
     add_exports(graph, files, dataset, bare)
     return made
+
+
+def _is_lit(dataset: Dataset) -> bool:
+    return bool(dataset.lamps) or any(occluder.finish for occluder in dataset.occluders)
+
+
+def _scenes(dataset: Dataset) -> Any:
+    """The plug-in with the tasks of lamps, pictures and labels; None: the dataset has none of these."""
+    has_labels = any(camera.labels for camera in dataset.cameras)
+    return plugged_in("scene", "tasks") if _is_lit(dataset) or dataset.pictures or has_labels else None
 
 
 def _add_baselines(graph: TaskGraph, dataset: Dataset) -> str:

@@ -1,25 +1,23 @@
-"""The tasks of a camera in its frames: image, position images, truth, labels, and the certificate of all frames."""
+"""The tasks of a camera in its frames: image, position images, truth, and the certificate of all frames."""
 
 import re
 from dataclasses import replace
-from itertools import pairwise
 from typing import cast
 
 import numpy as np
 
-from pipeline.camera.parts.spectrum import alone
+from pipeline.camera.parts.spectrum import Slices, alone
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.frames import apply, inverse
+from pipeline.frames import apply
 from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
 from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.settled import camera_task
 from pipeline.graph.tiles import image_bands, point_tiles, strips
 from pipeline.motion import Shutter
 from pipeline.records.plain import Shared, to_plain
-from pipeline.render.lighting.records import Material
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, TargetEntry
-from pipeline.tasks.params import cameras, frames, labels
+from pipeline.tasks.params import cameras, frames
 from pipeline.truth.planes import plane_name
 
 
@@ -52,6 +50,11 @@ def light_of(entry: CameraEntry) -> cameras.BundleLight:
     return cameras.BundleLight(weight=entry.weight, footprint=entry.footprint, wavelength_nm=entry.wavelength_nm)
 
 
+def lights_of(entry: CameraEntry) -> tuple[Slices, ...]:
+    """The light of each wavelength of a camera's images."""
+    return entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
+
+
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
     kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
@@ -64,7 +67,7 @@ def frame_of(task: Task, field: str | None) -> int | None:
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
 
 
-def _shutter_in(entry: CameraEntry, frame: Frame, *, in_world: bool = False) -> Shutter | None:
+def shutter_in(entry: CameraEntry, frame: Frame, *, in_world: bool = False) -> Shutter | None:
     """The shutter of a camera before which, or with which `in_world`, something moves; else a frame is a still."""
     motions = frame.motions.get(entry.name)
     moves = motions and (motions.targets or motions.things or (in_world and motions.camera))
@@ -103,9 +106,7 @@ class FrameTasks:
             shutter=self._lines,
         )
         self._exposure, self._bands = exposure_of(entry), image_bands(entry.asked.sensor, entry.image_samples)
-        self._lights = entry.channel.slices if entry.channel else (alone(entry.wavelength_nm),)
-        self._colours = tuple(target.printed.colours(target.target, self._lights) for target in dataset.targets)
-        self._pictures = {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+        self._colours = tuple(target.printed.colours(target.target, lights_of(entry)) for target in dataset.targets)
         self._reads = {"camera": camera_task(graph, entry)}
         sizes = {target.name: len(target.target.points().kinds) for target in dataset.targets}
         self._points = point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
@@ -115,7 +116,7 @@ class FrameTasks:
         """Add the tasks of a frame."""
         name, folder = f"{self.entry.full_name}/{frame.number:04d}", f"frames/{frame.number:04d}/{self.entry.folder}"
         poses = target_poses(self.dataset, frame, self.entry.name)
-        image = self._add_image(name, self._painted(frame, poses), _shutter_in(self.entry, frame))
+        image = self._add_image(name, self._painted(frame), shutter_in(self.entry, frame))
         truth = self._add_truth(name, folder, frame, poses)
         self.files[f"{folder}/image.exr"] = (image, "image.exr")
         self.files[f"{folder}/image.png"] = (image, "image.png")
@@ -139,36 +140,29 @@ class FrameTasks:
         if self.entry.image_noise is not None:
             return self._add_image_in_passes(name, view, shutter, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
-        parts = [frames.Image(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in self._bands]
+        parts = [self.painted.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
-        together, white = f"image/{camera}", {"white": f"white_tile/{camera}/"}
-        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, {**self._reads, **white, **self._pictures}, together)
+        together, reads = f"image/{camera}", {**self._reads, **self.painted.reads}
+        of_tiles = {**reads, "white": f"white_tile/{camera}/"}
+        tiles = add_tiles(self.graph, f"image_tile/{name}", parts, of_tiles, together)
         still = {"view": None} if tiles else {"view": view, "shutter": shutter}
-        params = frames.Image(exposure=exposure, tiles=len(tiles), **still)
-        reads = {**self._reads, **(tiles or {"white": f"white/{camera}", **self._pictures})}
+        params = self.painted.IMAGE(exposure=exposure, tiles=len(tiles), **still)
+        reads = {**self._reads, **tiles} if tiles else {**reads, "white": f"white/{camera}"}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
     def _add_image_in_passes(self, name: str, view: frames.PaintedView, shutter: Shutter | None, noise: float) -> str:
         exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
         bands = strips(self.entry.asked.sensor)
-        parts = [frames.Image(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
-        reads = {**self._reads, "white": f"{white}/", **self._pictures}
+        parts = [self.painted.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
+        reads = {**self._reads, "white": f"{white}/", **self.painted.reads}
         passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
         last = passes_of(exposure.samples) - 1
         whites = {f"white{strip}": pass_name(white, strip, last) for strip in range(len(parts))}
-        params = frames.Image(exposure=exposure, tiles=len(parts), view=None, noise=noise)
+        params = self.painted.IMAGE(exposure=exposure, tiles=len(parts), view=None, noise=noise)
         return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **passes})
 
-    def _painted(self, frame: Frame, poses: dict[str, np.ndarray]) -> frames.PaintedView:
-        lighting = self.painted.lighting(frame, self.entry.name, self.entry.bounces)
-        view = frames.PaintedView(
-            targets=self.painted.targets(poses, frame.motions.get(self.entry.name), named=False),
-            occluders=self.painted.occluders(frame, self.entry.name),
-            background=self.dataset.background,
-            lighting=lighting,
-            colours=self._colours,
-            lights=self._lights if lighting else (),
-        )
+    def _painted(self, frame: Frame) -> frames.PaintedView:
+        view = self.painted.view(frame, self.entry, self._colours)
         return cast(frames.PaintedView, Shared(to_plain(view)))  # of many tiles
 
     def _add_truth(self, name: str, folder: str, frame: Frame, poses: dict[str, np.ndarray]) -> str:
@@ -224,85 +218,3 @@ def _tangent_planes(entry: TargetEntry, vision_from_target: np.ndarray) -> list[
         )
         for number, plane in enumerate(points.planes())
     ]
-
-
-def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, bare: Things) -> None:
-    """Add the labels of a camera, in its own light, in all frames, if any are asked for; `bare`: without colours."""
-    exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
-    ordered = sorted(dataset.frames, key=lambda frame: frame.number)
-    following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in asked}
-    for frame in dataset.frames_of(entry) if asked else ():
-        world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))
-        motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
-        shutter = _shutter_in(entry, frame, in_world=in_world)
-        materials = bare.lighting(frame, entry.name, 0)
-        whole = labels.LabelsTile(
-            exposure=exposure,
-            channels=_label_channels(dataset, entry, frame),
-            view=frames.PaintedView(
-                targets=bare.targets(target_poses(dataset, frame, entry.name), motions, named=False),
-                occluders=bare.occluders(frame, entry.name),
-                background=0.0,
-                lighting=replace(materials, lamps=()) if materials and _lets_pass(dataset) else None,
-                lights=(alone(entry.wavelength_nm),),
-            ),
-            world_from_vision=matrix(world_from_vision) if in_world else None,
-            shutter=shutter and replace(shutter, instants=1),
-            camera_motion=motions.camera if motions and in_world else None,
-        )
-        name = f"{entry.name}/{frame.number:04d}"
-        reads = {"camera": camera_task(graph, entry)}
-        together = f"labels/{entry.name}"
-        if later := following.get(frame.number):
-            then = _in_frame(dataset, entry, later)
-            whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
-            if then.name != entry.name:
-                reads["next"], together = camera_task(graph, then), f"labels/{entry.name}/{then.name}"
-        if whole.view.lighting:
-            reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
-        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, together, least=1)
-        joined = labels.Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
-        task, outputs = add(graph, f"labels/{name}", joined, tiles), (labels.LABELS, labels.PREVIEW, labels.BOXES)
-        delivered = outputs if "targets" in asked else outputs[:2]
-        files |= {f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered}
-
-
-def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry:
-    """A camera in the state that it has in a frame."""
-    states = (other for other in dataset.cameras if other.prim_path == entry.prim_path)
-    return next(state for state in states if state.name in frame.camera_from_world)
-
-
-def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> labels.NextFrame:
-    """The things of a frame in the next one, before the camera there."""
-    poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
-    there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
-    shutter = _shutter_in(camera, later)
-    return labels.NextFrame(
-        targets=bare.targets(poses, motions, named=False),
-        occluders=tuple(map(there.get, _paths(dataset, frame))),
-        shutter=shutter and replace(shutter, instants=1),
-    )
-
-
-def _lets_pass(dataset: Dataset) -> bool:
-    """Whether something may not be opaque."""
-    finishes, solid = [each.finish for each in dataset.occluders if each.finish], Material().opacity
-    return any(material.opacity != solid or material.glass for finish in finishes for material in finish.materials)
-
-
-def _paths(dataset: Dataset, frame: Frame) -> list[str]:
-    """Prims of the occluders that are visible in a frame."""
-    return [each.prim_path for each in dataset.occluders_in(frame)]
-
-
-def _label_channels(dataset: Dataset, entry: CameraEntry, frame: Frame) -> labels.Channels:
-    prims = (*(each.prim_path for each in dataset.targets), *_paths(dataset, frame))
-    instances = {each.prim_path: each.instance for each in dataset.occluders if each.instance}
-    mattes = {"prim": ("CryptoObject", prims), "instance": ("CryptoAsset", tuple(instances.get(p, p) for p in prims))}
-    return labels.Channels(
-        tokens=entry.labels,
-        targets=tuple(target.name for target in dataset.targets) if "targets" in entry.labels else (),
-        mattes=dict(matte for token, matte in mattes.items() if token in entry.labels),
-    )

@@ -6,17 +6,18 @@ colour affects no correspondence.
 
 import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 
 from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.records.plain import Shared, to_plain
-from pipeline.render.lighting.records import Lighting, PlacedLamp
+from pipeline.render.spectral.prints import Colours
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Motions, TargetEntry
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.points import TargetPoints
 from pipeline.targets.target import Target, bare, plain_from_target
-from pipeline.tasks.params.frames import Matrix, PlacedOccluder, PlacedTarget
+from pipeline.tasks.params.frames import Image, Matrix, PaintedView, PlacedOccluder, PlacedTarget
 
 
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
@@ -38,16 +39,15 @@ def poses_at_lines(dataset: Dataset, frame: Frame, entry: CameraEntry) -> dict[s
 class Things:
     """All targets and occluders of a dataset: painted with the radiances of the stage, or white 1 and black 0."""
 
+    IMAGE: ClassVar[type[Image]] = Image
+    """Params of images of these things."""
+
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
+        self.dataset = dataset
+        self.reads = dict[str, str]()  # role and task of what their images read besides
         targets = {entry.name: entry.target for entry in dataset.targets}
         if not painted:
             targets = {name: bare(target) for name, target in targets.items()}
-        self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
-        self._occluders_in = dataset.occluders_in
-        self._finishes = {
-            finish: Shared(to_plain(finish)) for finish in dict.fromkeys(e.finish for e in dataset.occluders) if finish
-        }
-        self._coats = tuple(entry.coat for entry in dataset.targets)
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {
             shape: Shared(to_plain(shape if painted else dataclasses.replace(shape, radiance=0.0)))
@@ -77,25 +77,19 @@ class Things:
                 vision_from_occluder=matrix(vision @ frame.world_from_occluder[entry.prim_path]),
                 motion=motions.things.get(entry.prim_path) if motions else None,
             )
-            for entry in self._occluders_in(frame)
+            for entry in self.dataset.occluders_in(frame)
         )
 
-    def lighting(self, frame: Frame, camera: str, bounces: int) -> Lighting | None:
-        """The lamps that shine in a frame, and what everything is made of; None if nothing lights the dataset."""
-        if not self._lamps and not self._finishes:
-            return None
-        vision, motions = np.array(frame.camera_from_world[camera]), frame.motions.get(camera)
-        lamps = [
-            PlacedLamp(
-                lamp=lamp,
-                vision_from_lamp=matrix(vision @ frame.world_from_lamp[path]),
-                motion=motions.things.get(path) if motions else None,
-            )
-            for path, lamp in self._lamps.items()
-            if path in frame.world_from_lamp
-        ]
-        finishes = [self._finishes[entry.finish] for entry in self._occluders_in(frame) if entry.finish]
-        return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
+    def view(self, frame: Frame, entry: CameraEntry, colours: tuple[Colours, ...]) -> PaintedView:
+        """A frame before a camera, for its image; `colours` are those of the targets in its light."""
+        return PaintedView(
+            targets=self.targets(
+                target_poses(self.dataset, frame, entry.name), frame.motions.get(entry.name), named=False
+            ),
+            occluders=self.occluders(frame, entry.name),
+            background=self.dataset.background,
+            colours=colours,
+        )
 
 
 def matrix(transform: np.ndarray) -> Matrix:

@@ -81,7 +81,7 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
         sensor = camera["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
-        glows = "view" in params and params["view"]["lighting"] is None
+        glows = "view" in params and not params["view"].get("lighting")
         if params.get("is_smooth"):
             rays *= _are_dark_at_an_end(as_json(camera), first, end)
         elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):

@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -147,6 +148,8 @@ class TargetLight:
     `occluders`: each with its pose vision_from_occluder; they radiate equally from both sides.
     """
 
+    is_sampled: ClassVar[bool] = False
+
     def __init__(
         self,
         targets: Placed,
@@ -255,6 +258,8 @@ def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slic
 @dataclass(frozen=True, slots=True)
 class GlowingView:
     """Targets with coloured ink or paper that glow evenly, without lamps."""
+
+    is_sampled: ClassVar[bool] = False
 
     targets: Placed
     background: float

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -19,11 +20,9 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
-from pipeline.records.shapes import Float64, Int64
+from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.render.footprints import Footprints
-from pipeline.render.glow import GlowingView, TargetLight
-from pipeline.render.lighting.lit_scene import LitScene, LitView
-from pipeline.render.pixel_rays import Band, Batch, Rows, batch_of, rays_of
+from pipeline.render.pixel_rays import Band, Batch, PixelRays, Rows, batch_of, rays_of
 
 _STEP_PX = 16
 """Most pixels between two positions."""
@@ -34,6 +33,36 @@ _CUBIC = 4
 """Positions that a cubic passes."""
 _LEVEL = 1
 """Level of quadrature, see `integrals`: right to 1e-6."""
+
+
+class Scene(Protocol):
+    """Everything before a camera at one wavelength of an image, such as `glow.TargetLight`."""
+
+    def seen(self, sight: Footprints, /) -> np.ndarray:
+        """Colour of both parts of each pixel, (2, n); NaN where it must be sampled."""
+        ...
+
+    def add(
+        self,
+        of_pixels: PixelRays,
+        pixels: Int64[np.ndarray, "n"],
+        wanted: Bool[np.ndarray, "m"],
+        image: Float64[np.ndarray, "m"],
+        /,
+    ) -> None:
+        """Add the light of rays to their pixels (n,) of an image, if these are wanted."""
+        ...
+
+
+class SceneView(Protocol):
+    """Everything before a camera."""
+
+    is_sampled: ClassVar[bool]
+    """Whether its light is known by rays alone: passes are then steadied by the known flux of a pixel's rays."""
+
+    def in_light(self, number: int, /) -> Scene:
+        """The view at one wavelength, in the order of `Rig.in_each_light`."""
+        ...
 
 
 def known_flux(band: Band) -> np.ndarray | None:
@@ -131,7 +160,7 @@ def irradiance_and_crosstalk(
 def pictures(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight | LitScene],
+    scenes: Sequence[Scene],
     white: Float64[np.ndarray, "2 height width"],
     rows: Rows | None = None,
     columns: Rows | None = None,
@@ -153,7 +182,7 @@ def pictures(
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
 
 
-def colours(band: Band, scenes: Sequence[TargetLight | LitScene]) -> np.ndarray:
+def colours(band: Band, scenes: Sequence[Scene]) -> np.ndarray:
     """Colour of both parts of each pixel, (scenes, 2, n); NaN where it must be sampled."""
     sight = Footprints(band)
     return np.array([scene.seen(sight) for scene in scenes])
@@ -162,7 +191,7 @@ def colours(band: Band, scenes: Sequence[TargetLight | LitScene]) -> np.ndarray:
 def sampled(
     band: Band,
     batch: Batch,
-    scenes: Sequence[TargetLight | LitScene],
+    scenes: Sequence[Scene],
     white: Float64[np.ndarray, "2 n"],
     colour: Float64[np.ndarray, "scenes 2 n"],
     known: Float64[np.ndarray, "n"] | None,
@@ -249,7 +278,7 @@ def known_white_parts(rig: Rig, rows: Rows | None = None, columns: Rows | None =
 def pictures_in_lights(
     rig: Rig,
     samples: int,
-    scenes: Sequence[TargetLight | GlowingView | LitView],
+    scenes: Sequence[SceneView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     rows: Rows | None = None,
     columns: Rows | None = None,
@@ -267,7 +296,7 @@ def bands_in_lights(rig: Rig, rows: Rows | None = None, columns: Rows | None = N
     return [Band.of(in_light, rows, columns) for in_light in rig.in_each_light]
 
 
-def colours_in_lights(bands: Sequence[Band], scenes: Sequence[TargetLight | GlowingView | LitView]) -> np.ndarray:
+def colours_in_lights(bands: Sequence[Band], scenes: Sequence[SceneView]) -> np.ndarray:
     """Colour of both parts of each pixel in each scene and wavelength, (scenes, 2, h, w, wavelengths); NaN where it
     must be sampled.
     """
@@ -282,7 +311,7 @@ def sampled_in_lights(
     rig: Rig,
     bands: Sequence[Band],
     batch: Batch,
-    scenes: Sequence[TargetLight | GlowingView | LitView],
+    scenes: Sequence[SceneView],
     white: Float64[np.ndarray, "2 height width wavelengths"],
     colour: Float64[np.ndarray, "scenes 2 height width wavelengths"],
 ) -> np.ndarray:
@@ -292,7 +321,7 @@ def sampled_in_lights(
     shared, images = _shared(rig.tracer, batch), []
     for number, band in enumerate(bands):
         parts, known = own_and_foreign(white)[..., number].reshape(2, -1), colour[..., number]
-        flux = known_flux(band) if isinstance(scenes[0], LitView) else None
+        flux = known_flux(band) if scenes[0].is_sampled else None
         steady = None if flux is None else flux / band.rig.tracer.reference_weight_sr
         seen = [scene.in_light(number) for scene in scenes]
         light = sampled(band, shared, seen, parts, known.reshape(len(scenes), 2, -1), steady)

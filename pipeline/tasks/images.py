@@ -6,10 +6,8 @@ have in common are the same tasks, so that a finer request goes on from the samp
 
 import dataclasses
 import math
-import pickle
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,21 +24,20 @@ from pipeline.jit.work import work
 from pipeline.motion import Shutter
 from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
-from pipeline.render.lighting.lit_scene import LitView
+from pipeline.render.imaging import SceneView
 from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, standard_error
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, light_file, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
 from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
-from pipeline.tasks.params.frames import PICTURE, Image, PaintedView
+from pipeline.tasks.params.frames import Image, PaintedView
 
 WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
 MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
 LEVEL, VERDICT = "level.json", "verdict.json"
-Scene = TargetLight | GlowingView | LitView
-"""A view as the rooms of light take it."""
-_LAST: dict[bytes, LitView] = {}
-"""The last lit view of this process, by what its triangles depend on: tasks of channels and of tiles share them."""
+ScenesAt = Callable[[PaintedView | None, list[float], Inputs], list[SceneView]]
+"""Reader of the view of an image, of the type that the params of its task have, at instants [s] after the time code of
+its frame."""
 
 
 class SoFar(NamedTuple):
@@ -174,13 +171,26 @@ def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
     return part_of("crosstalk", share, {"content": content, "of_all_light": total})
 
 
-def image_tile(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
+def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[SceneView]:
+    """Targets and occluders that glow."""
+    assert view is not None  # tiles, passes and images without them have one
+    return [_glowing(view_at(view, time_s)) for time_s in times_s]
+
+
+def _glowing(view: PaintedView) -> SceneView:
+    targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+    if not any(view.colours):
+        return TargetLight(targets, view.background, occluders)
+    return GlowingView(targets, view.background, occluders, view.colours)
+
+
+def image_tile(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_at: ScenesAt = scenes_at) -> None:
     """The same rows of the images of frames, which share their rays, for the task `image`: pixels.npy."""
-    for pixels, out in zip(image_rows(params, inputs), outs, strict=True):
+    for pixels, out in zip(image_rows(params, inputs, scenes_at), outs, strict=True):
         write_npy(out / PIXELS, pixels)
 
 
-def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
+def image_rows(images: Sequence[Image], inputs: Inputs, scenes_at: ScenesAt) -> np.ndarray:
     """The same rows of several frames, (frames, h, w) float64."""
     exposure, rows = images[0].exposure, images[0].rows
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
@@ -188,7 +198,7 @@ def image_rows(images: Sequence[Image], inputs: Inputs) -> np.ndarray:
     width_px, height_px = rig.tracer.camera.sensor.size_px
     all_rows = rows or (0, height_px)
 
-    def rendered(scenes: list[Scene], some: Rows, columns: Rows) -> np.ndarray:
+    def rendered(scenes: list[SceneView], some: Rows, columns: Rows) -> np.ndarray:
         first, end = steadied_by(rig, columns)
         there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
         light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
@@ -226,30 +236,7 @@ def exposures(
         yield (opens_s + after_s).tolist(), some, columns
 
 
-def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[Scene]:
-    """A view at instants after the time code of its frame."""
-    assert view is not None  # tiles, passes and images without them have one
-    return [scene_of(view_at(view, time_s), inputs) for time_s in times_s]
-
-
-def scene_of(view: PaintedView, inputs: Inputs) -> Scene:
-    """The view as the rooms of light take it."""
-    if view.lighting is None:
-        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
-        if not any(view.colours):
-            return TargetLight(targets, view.background, occluders)
-        return GlowingView(targets, view.background, occluders, view.colours)
-    files_of = {role: files[PICTURE] for role, files in inputs.items() if PICTURE in files}
-    things = sha256(pickle.dumps((view.targets, view.occluders, view.lighting, files_of))).digest()
-    if (like := _LAST.get(things)) is None:
-        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
-        pictures = {role: read_npy(file) for role, file in files_of.items()}
-        _LAST.clear()
-        _LAST[things] = like = LitView(targets, occluders, view.lighting, pictures, 0.0, ())
-    return dataclasses.replace(like, background=view.background, lights=view.lights, colours=view.colours, like=like)
-
-
-def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
+def image_pass(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
     """Write what is sampled of all replicas, (replicas, h, w), and facts; first the colours of the rest, too, (2, h, w,
     wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
     """
@@ -277,7 +264,7 @@ def image_pass(params: Image, inputs: Inputs, out: Path) -> None:
 
 
 def _sampled(
-    params: Image, rig: Rig, bands: list[Band], scenes: list[Scene], white: np.ndarray, kept: np.ndarray | None
+    params: Image, rig: Rig, bands: list[Band], scenes: list[SceneView], white: np.ndarray, kept: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light that a pass samples of pixels that see the same instants, and their colours, as `image_pass` has them."""
     colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
@@ -289,7 +276,7 @@ def _sampled(
     return light, np.nan_to_num(colour).mean(axis=0) if params.shutter else colour[0]
 
 
-def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None:
+def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_at: ScenesAt = scenes_at) -> None:
     """The image of a camera in a frame, linear and as a preview: image.exr and image.png.
 
     It is that of tiles or passes; without these, several frames share their rays.
@@ -300,7 +287,7 @@ def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path]) -> None
     elif first.tiles:
         images = [Rendered(stacked(inputs, first.tiles, PIXELS))]
     else:
-        images = list(map(Rendered, image_rows(params, inputs)))
+        images = list(map(Rendered, image_rows(params, inputs, scenes_at)))
     for rendered, out in zip(images, outs, strict=True):
         write_image(out, "image", rendered, exposure, tracer_alone(inputs, exposure.seed))
 

@@ -1,25 +1,14 @@
-"""Tasks `picture` and `sheet`: pictures that prims name, and the patterns of targets for viewers."""
+"""Task `sheet`: the patterns of targets for viewers."""
 
-import base64
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.files.npy import write_npy
-from pipeline.files.pictures import decoded
 from pipeline.files.png import write_png
 from pipeline.targets.preview import preview_picture
 from pipeline.targets.target import Target, target_from_plain
 from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.params.frames import PICTURE, SHEET, PictureFile, Sheet, source_name
-
-
-def picture(params: PictureFile, inputs: Inputs, out: Path) -> None:
-    """A picture on a surface or in the sky: picture.npy, (h, w, 4) float32 and linear, and the file as it is."""
-    content = base64.b64decode(params.encoded)
-    write_npy(out / PICTURE, decoded(content, params.suffix, params.space))
-    (out / source_name(params.suffix)).write_bytes(content)
-
+from pipeline.tasks.params.frames import SHEET, Sheet
 
 _EDGE_PX = 1024
 """Edge of the picture of a flat board [px]: its squares stay sharp on a whole screen."""

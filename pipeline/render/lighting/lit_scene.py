@@ -7,7 +7,7 @@ artwork of targets is evaluated by its formula at the exact hit, as in scenes wi
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -48,6 +48,8 @@ _Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 @dataclass(frozen=True)
 class LitView:
     """Everything before a camera."""
+
+    is_sampled: ClassVar[bool] = True
 
     targets: Sequence[tuple[AnyTarget, np.ndarray]]
     occluders: Sequence[tuple[Occluder, np.ndarray]]

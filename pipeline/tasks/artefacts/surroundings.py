@@ -11,7 +11,7 @@ from pipeline.records.plain import from_plain
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget, target_from_plain
-from pipeline.tasks.params.frames import PaintedView, PlacedOccluder, PlacedTarget, PlacedView
+from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.truth.planes import Planes
 from pipeline.truth.rows import Solutions
 from pipeline.truth.visibility import PointBundles, visibility
@@ -60,9 +60,7 @@ def visibility_then(
 
 def moves(view: PlacedView) -> bool:
     """Whether anything in a view moves before the camera while its shutter is open."""
-    lighting = view.lighting if isinstance(view, PaintedView) else None
     motions = [entry.motion for entry in view.targets] + [entry.motion for entry in view.occluders]
-    motions += [lamp.motion for lamp in lighting.lamps] if lighting else []
     return any(motion is not None for motion in motions)
 
 
@@ -72,7 +70,7 @@ def view_at(view: View, time_s: float) -> View:
     def pose(motion: Motion | None, still: list[list[float]]) -> list[list[float]]:
         return still if motion is None else motion.at(np.array([time_s]))[0].tolist()  # type: ignore[no-any-return]
 
-    result = replace(
+    return replace(
         view,
         targets=tuple(
             replace(entry, vision_from_target=pose(entry.motion, entry.vision_from_target), motion=None)
@@ -83,10 +81,3 @@ def view_at(view: View, time_s: float) -> View:
             for entry in view.occluders
         ),
     )
-    if isinstance(result, PaintedView) and result.lighting is not None:
-        lamps = (
-            replace(lamp, vision_from_lamp=pose(lamp.motion, lamp.vision_from_lamp), motion=None)
-            for lamp in result.lighting.lamps
-        )
-        result = replace(result, lighting=replace(result.lighting, lamps=tuple(lamps)))
-    return result

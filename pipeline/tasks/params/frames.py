@@ -3,10 +3,8 @@
 from dataclasses import dataclass, field
 
 from pipeline.camera.parts.camera import Sampling
-from pipeline.camera.parts.spectrum import Slices
 from pipeline.files.jsonfile import Json
 from pipeline.motion import Motion, Shutter
-from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.prints import Colours
 from pipeline.tasks.params.cameras import BundleLight, ChannelLabel, Rendering
 from pipeline.truth.settings import TruthSettings
@@ -46,33 +44,12 @@ class PlacedView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaintedView(PlacedView):
-    """A view with the radiance of everything and of the background, or with the lamps that light it.
-
-    `colours` are those of each target, empty for a neutral one; `lights` is the light of each wavelength of the image
-    where lamps shine.
+    """A view with the radiance of everything and of the background; `colours` are those of each target, empty for a
+    neutral one.
     """
 
     background: float
-    lighting: Lighting | None = None
     colours: tuple[Colours, ...] = ()
-    lights: tuple[Slices, ...] = ()
-
-
-PICTURE = "picture.npy"
-
-
-def source_name(suffix: str) -> str:
-    """Name of the unchanged picture among the products of its task."""
-    return f"source{suffix}"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PictureFile:
-    """A picture file: its kind by the end of its name, its bytes in base 64, and its colour space."""
-
-    suffix: str
-    encoded: str
-    space: str
 
 
 SHEET = "sheet.png"

@@ -4,6 +4,7 @@ import gc
 import hashlib
 import math
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,15 +15,15 @@ from stage_text import in_the_library, mesh_text, placed
 import pipeline
 from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
-from pipeline.graph.poses import Things, target_poses
+from pipeline.plugins.scenes.graph import LitThings
 from pipeline.records.plain import from_plain
 from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Lamp
 from pipeline.scene.lamps import shines
 from pipeline.scene.load import load
-from pipeline.targets.mesh import Occluder
 from pipeline.targets.patterns.checkerboard import Checkerboard
-from pipeline.targets.target import Target, target_from_plain
+from pipeline.targets.target import Target
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 
 BESIDE = placed(2000, 0, -1500)
 """Where the board stands: in no image."""
@@ -88,18 +89,11 @@ def lit(folder, content: str, frame: int = 0) -> LitScene:
     """The scene of a stage, before its camera."""
     found = loaded(folder, content, frame + 1)
     assert found.errors == [], [str(problem) for problem in found.errors]
-    dataset, name = found.dataset, "Rig.Camera"
-    things, moment = Things(dataset, painted=True), dataset.frames[frame]
-    occluders = [
-        (from_plain(Occluder, one.occluder), np.array(one.vision_from_occluder))
-        for one in things.occluders(moment, name)
-    ]
-    targets = [
-        (target_from_plain(one.target), np.array(one.vision_from_target))
-        for one in things.targets(target_poses(dataset, moment, name))
-    ]
-    lighting = things.lighting(moment, name, 0)
-    assert lighting is not None
+    dataset = found.dataset
+    moment, camera = dataset.frames[frame], dataset.cameras[0]
+    view = LitThings(dataset, painted=True).view(moment, camera, ())
+    occluders, targets = list(map(placed_occluder, view.occluders)), list(map(placed_target, view.targets))
+    lighting = replace(view.lighting, bounces=0)
     pictures = {one.name: decoded(b64decode(one.encoded), one.suffix, one.space) for one in dataset.pictures}
     return LitView(targets, occluders, lighting, pictures, 0.0, (alone(550.0),)).in_light(0)
 

@@ -1,12 +1,54 @@
-"""Parameters of the labels of a camera's pixels in a frame."""
+"""Parameters of the tasks of this plug-in: pictures, images that lamps light, and labels of pixels.
+
+`MODULE` is the home of the tasks whose parameters a record holds; the name of the task begins with the function.
+"""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
+from pipeline.camera.parts.spectrum import Slices
 from pipeline.motion import Motion, Shutter
+from pipeline.render.lighting.records import Lighting
 from pipeline.tasks.params.cameras import Exposure
-from pipeline.tasks.params.frames import Matrix, PaintedView, PlacedOccluder, PlacedTarget
+from pipeline.tasks.params.frames import Image, Matrix, PaintedView, PlacedOccluder, PlacedTarget
 
+PICTURE = "picture.npy"
 LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
+
+
+def source_name(suffix: str) -> str:
+    """Name of the unchanged picture among the products of its task."""
+    return f"source{suffix}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PictureFile:
+    """A picture file: its kind by the end of its name, its bytes in base 64, and its colour space."""
+
+    MODULE: ClassVar[str] = "pipeline.plugins.scenes.tasks.pictures"
+
+    suffix: str
+    encoded: str
+    space: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LitPaintedView(PaintedView):
+    """A view with what lights it and what its things are made of; `lights` is the light of each wavelength of the
+    image.
+    """
+
+    lighting: Lighting | None
+    lights: tuple[Slices, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LitImage(Image):
+    """An image of things that lamps light."""
+
+    MODULE: ClassVar[str] = "pipeline.plugins.scenes.tasks.images"
+
+    view: LitPaintedView | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,9 +77,11 @@ class LabelsTile:
     if it has a motion, world_from_vision. Of a camera that is another one in the next frame a role `next` is read.
     """
 
+    MODULE: ClassVar[str] = "pipeline.plugins.scenes.tasks.labels"
+
     exposure: Exposure
     channels: Channels
-    view: PaintedView
+    view: LitPaintedView
     world_from_vision: Matrix | None
     later: NextFrame | None = None
     rows: tuple[int, int] = (0, 0)
@@ -48,6 +92,8 @@ class LabelsTile:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Labels:
     """Labels of a frame from a number of tiles."""
+
+    MODULE: ClassVar[str] = "pipeline.plugins.scenes.tasks.labels"
 
     exposure: Exposure
     channels: Channels

@@ -12,15 +12,15 @@ from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
+from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
+from pipeline.plugins.scenes.tasks.params import BOXES, LABELS, PREVIEW, Labels, LabelsTile
 from pipeline.render.labels.pixels import SHOWN, Asked, labels_of, preview
 from pipeline.render.labels.sight_lines import SightLines
 from pipeline.render.labels.things import Later, Things
-from pipeline.render.lighting.lit_scene import LitView
 from pipeline.render.pixel_rays import Band, Rows
 from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
-from pipeline.tasks.params.labels import BOXES, LABELS, PREVIEW, Labels, LabelsTile
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 
 _ROWS = "rows.npy"
 _AT_ONCE = 512
@@ -61,7 +61,7 @@ def _line_by_line(
         time_s, pose = opens_s + shutter.exposure_s / 2, params.world_from_vision
         if params.camera_motion:
             pose = params.camera_motion.at(np.array([time_s]))[0].tolist()
-        then = replace(params, view=view_at(params.view, time_s), world_from_vision=pose)
+        then = replace(params, view=lit_at(params.view, time_s), world_from_vision=pose)
         parts += seen([then], rows, columns)
     return np.concatenate(parts, axis=1 - shutter.axis)
 
@@ -74,8 +74,7 @@ def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
         motions = [None if then is None else then.motion for then in (*after.targets, *after.occluders)]
         later = Later(poses, occluders, after.shutter, motions)
     targets, others = list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders))
-    view = images.scene_of(params.view, inputs) if params.view.lighting else None
-    lit = view.in_light(0) if isinstance(view, LitView) else None
+    lit = lit_view(params.view, inputs).in_light(0) if params.view.lighting else None
     world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
     ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
     return Things(targets, others, later, lit), Asked(asked.tokens, asked.targets, ids, world_from_vision)

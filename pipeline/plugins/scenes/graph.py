@@ -1,0 +1,168 @@
+"""The tasks of this plug-in in the graph of a dataset: pictures, images that lamps light, and labels of pixels."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from pipeline.camera.parts.spectrum import alone
+from pipeline.engine.output.deliver import Source
+from pipeline.engine.planning.graph import TaskGraph
+from pipeline.frames import inverse
+from pipeline.graph.adding import add, add_tiles
+from pipeline.graph.frame_tasks import exposure_of, lights_of, shutter_in
+from pipeline.graph.poses import Things, matrix, target_poses
+from pipeline.graph.settled import camera_task
+from pipeline.graph.tiles import image_bands
+from pipeline.plugins.scenes.tasks.params import (
+    BOXES,
+    LABELS,
+    PREVIEW,
+    Channels,
+    Labels,
+    LabelsTile,
+    LitImage,
+    LitPaintedView,
+    NextFrame,
+    PictureFile,
+    source_name,
+)
+from pipeline.records.plain import Shared, to_plain
+from pipeline.render.lighting.records import Lighting, Material, PlacedLamp
+from pipeline.render.spectral.prints import Colours
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame
+
+
+def add_pictures(graph: TaskGraph, files: dict[str, Source], dataset: Dataset) -> None:
+    """Add the pictures that prims of a dataset name."""
+    for picture in dataset.pictures:
+        params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+        files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
+
+
+def _picture_tasks(dataset: Dataset) -> dict[str, str]:
+    return {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+
+
+class LitThings(Things):
+    """Targets and occluders that lamps light, with what they are made of."""
+
+    IMAGE = LitImage
+
+    def __init__(self, dataset: Dataset, *, painted: bool) -> None:
+        super().__init__(dataset, painted=painted)
+        self.reads = _picture_tasks(dataset)
+        self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
+        self._finishes = {
+            finish: Shared(to_plain(finish)) for finish in dict.fromkeys(e.finish for e in dataset.occluders) if finish
+        }
+        self._coats = tuple(entry.coat for entry in dataset.targets)
+
+    def view(self, frame: Frame, entry: CameraEntry, colours: tuple[Colours, ...]) -> LitPaintedView:
+        """A frame before a camera, with its lamps."""
+        shown = super().view(frame, entry, colours)
+        return LitPaintedView(
+            targets=shown.targets,
+            occluders=shown.occluders,
+            background=shown.background,
+            colours=colours,
+            lighting=self.lighting(frame, entry, entry.bounces),
+            lights=lights_of(entry),
+        )
+
+    def lighting(self, frame: Frame, entry: CameraEntry, bounces: int) -> Lighting:
+        """The lamps that shine in a frame, and what everything is made of."""
+        vision, motions = np.array(frame.camera_from_world[entry.name]), frame.motions.get(entry.name)
+        lamps = [
+            PlacedLamp(
+                lamp=lamp,
+                vision_from_lamp=matrix(vision @ frame.world_from_lamp[path]),
+                motion=motions.things.get(path) if motions else None,
+            )
+            for path, lamp in self._lamps.items()
+            if path in frame.world_from_lamp
+        ]
+        finishes = [self._finishes[each.finish] for each in self.dataset.occluders_in(frame) if each.finish]
+        return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
+
+
+def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, bare: Things) -> None:
+    """Add the labels of a camera, in its own light, in all frames, if any are asked for; `bare`: without colours."""
+    exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
+    ordered = sorted(dataset.frames, key=lambda frame: frame.number)
+    following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in asked}
+    for frame in dataset.frames_of(entry) if asked else ():
+        world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))
+        motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
+        shutter = shutter_in(entry, frame, in_world=in_world)
+        materials = bare.lighting(frame, entry, 0) if isinstance(bare, LitThings) else None
+        whole = LabelsTile(
+            exposure=exposure,
+            channels=_label_channels(dataset, entry, frame),
+            view=LitPaintedView(
+                targets=bare.targets(target_poses(dataset, frame, entry.name), motions, named=False),
+                occluders=bare.occluders(frame, entry.name),
+                background=0.0,
+                lighting=replace(materials, lamps=()) if materials and _lets_pass(dataset) else None,
+                lights=(alone(entry.wavelength_nm),),
+            ),
+            world_from_vision=matrix(world_from_vision) if in_world else None,
+            shutter=shutter and replace(shutter, instants=1),
+            camera_motion=motions.camera if motions and in_world else None,
+        )
+        name = f"{entry.name}/{frame.number:04d}"
+        reads = {"camera": camera_task(graph, entry)}
+        together = f"labels/{entry.name}"
+        if later := following.get(frame.number):
+            then = _in_frame(dataset, entry, later)
+            whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
+            if then.name != entry.name:
+                reads["next"], together = camera_task(graph, then), f"labels/{entry.name}/{then.name}"
+        if whole.view.lighting:
+            reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+        parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
+        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, together, least=1)
+        joined = Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
+        task, outputs = add(graph, f"labels/{name}", joined, tiles), (LABELS, PREVIEW, BOXES)
+        delivered = outputs if "targets" in asked else outputs[:2]
+        files |= {f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered}
+
+
+def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry:
+    """A camera in the state that it has in a frame."""
+    states = (other for other in dataset.cameras if other.prim_path == entry.prim_path)
+    return next(state for state in states if state.name in frame.camera_from_world)
+
+
+def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> NextFrame:
+    """The things of a frame in the next one, before the camera there."""
+    poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
+    there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
+    shutter = shutter_in(camera, later)
+    return NextFrame(
+        targets=bare.targets(poses, motions, named=False),
+        occluders=tuple(map(there.get, _paths(dataset, frame))),
+        shutter=shutter and replace(shutter, instants=1),
+    )
+
+
+def _lets_pass(dataset: Dataset) -> bool:
+    """Whether something may not be opaque."""
+    finishes, solid = [each.finish for each in dataset.occluders if each.finish], Material().opacity
+    return any(material.opacity != solid or material.glass for finish in finishes for material in finish.materials)
+
+
+def _paths(dataset: Dataset, frame: Frame) -> list[str]:
+    """Prims of the occluders that are visible in a frame."""
+    return [each.prim_path for each in dataset.occluders_in(frame)]
+
+
+def _label_channels(dataset: Dataset, entry: CameraEntry, frame: Frame) -> Channels:
+    prims = (*(each.prim_path for each in dataset.targets), *_paths(dataset, frame))
+    instances = {each.prim_path: each.instance for each in dataset.occluders if each.instance}
+    mattes = {"prim": ("CryptoObject", prims), "instance": ("CryptoAsset", tuple(instances.get(p, p) for p in prims))}
+    return Channels(
+        tokens=entry.labels,
+        targets=tuple(target.name for target in dataset.targets) if "targets" in entry.labels else (),
+        mattes=dict(matte for token, matte in mattes.items() if token in entry.labels),
+    )

@@ -1,0 +1,69 @@
+"""Tasks of images that lamps light: those of the core, with another scene before the camera."""
+
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.files.npy import read_npy
+from pipeline.plugins.scenes.tasks.params import PICTURE, LitImage, LitPaintedView
+from pipeline.render.imaging import SceneView
+from pipeline.render.lighting.lit_scene import LitView
+from pipeline.tasks import images
+from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
+from pipeline.tasks.params.frames import PaintedView
+
+_LAST: dict[bytes, LitView] = {}
+"""The last lit view of this process, by what its triangles depend on: tasks of channels and of tiles share them."""
+
+
+def image_tile(params: Sequence[LitImage], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The same rows of the images of frames: pixels.npy."""
+    images.image_tile(params, inputs, outs, scenes_at)
+
+
+def image_pass(params: LitImage, inputs: Inputs, out: Path) -> None:
+    """Replicas of some rows of an image, and facts about their noise."""
+    images.image_pass(params, inputs, out, scenes_at)
+
+
+def image(params: Sequence[LitImage], inputs: Inputs, outs: Sequence[Path]) -> None:
+    """The image of a camera in a frame: image.exr and image.png."""
+    images.image(params, inputs, outs, scenes_at)
+
+
+def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[SceneView]:
+    """A lit view at instants after the time code of its frame."""
+    assert isinstance(view, LitPaintedView)  # as `LitImage` says; images of tiles and passes have none
+    return [lit_view(lit_at(view, time_s), inputs) for time_s in times_s]
+
+
+def lit_at(view: LitPaintedView, time_s: float) -> LitPaintedView:
+    """The view at a time after the time code of its frame; no lamp in it moves, and nothing else."""
+    still = view_at(view, time_s)
+    if still.lighting is None:
+        return still
+    lamps = tuple(
+        lamp
+        if lamp.motion is None
+        else replace(lamp, vision_from_lamp=lamp.motion.at(np.array([time_s]))[0].tolist(), motion=None)
+        for lamp in still.lighting.lamps
+    )
+    return replace(still, lighting=replace(still.lighting, lamps=lamps))
+
+
+def lit_view(view: LitPaintedView, inputs: Inputs) -> LitView:
+    """The view as the path tracer takes it; it has a lighting."""
+    assert view.lighting is not None  # only labels have a view without
+    files_of = {role: files[PICTURE] for role, files in inputs.items() if PICTURE in files}
+    things = sha256(pickle.dumps((view.targets, view.occluders, view.lighting, files_of))).digest()
+    if (like := _LAST.get(things)) is None:
+        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+        pictures = {role: read_npy(file) for role, file in files_of.items()}
+        _LAST.clear()
+        _LAST[things] = like = LitView(targets, occluders, view.lighting, pictures, 0.0, ())
+    return replace(like, background=view.background, lights=view.lights, colours=view.colours, like=like)
