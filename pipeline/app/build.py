@@ -204,7 +204,8 @@ def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: E
     """
     projects = {out.name: project(path, out, options.allow_roots) for path, out in stages.items()}
     kept = projects if options.pictures else {name: without_pictures(whole) for name, whole in projects.items()}
-    graph, out = TaskGraph.joined({name: whole.graph for name, whole in kept.items()}), next(iter(stages.values()))
+    graphs, out = {name: whole.graph.before_delivery for name, whole in kept.items()}, next(iter(stages.values()))
+    graph = TaskGraph.joined(graphs)
     head = {"stage": "an ensemble"}
     shared = Project(graph=graph, files={}, head=head, out=out.parent, stage_id=str(out.parent.resolve()))
 

@@ -98,7 +98,7 @@ class Caller:
     `on_event` is its listener. `prepare` is called once in this process before the first task runs, and not if no task
     runs; signals stop it at once. `interrupts` are open ones of a caller that does further work which signals may end.
     `peaks` is the peak memory of earlier tasks by kind [bytes]: only as many run together as fit. `places` are those of
-    the project.
+    the project. `folder` is its output folder, for tasks that read it.
     """
 
     on_event: Emit = silent
@@ -106,6 +106,7 @@ class Caller:
     interrupts: Interrupts | None = None
     peaks: dict[str, int] = field(default_factory=dict)
     places: dict[str, str] = field(default_factory=dict)
+    folder: Path | None = None
 
 
 NOBODY = Caller()

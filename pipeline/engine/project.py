@@ -51,12 +51,15 @@ def tasks_of(project: Project, target: str) -> list[str]:
 
 
 def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[str]]:
-    """The part of the graph up to the named tasks (all of it if none is named), and the forced tasks."""
+    """The part of the graph up to the named tasks, and the forced tasks; all of the graph if none is named, or one that
+    reads the finished output folder.
+    """
     forced = {name for target in options.force for name in tasks_of(project, target)}
     last = {name for target in options.until for name in tasks_of(project, target)}
     wanted = [_meant(project, target)[1] for target in options.targets]
     last |= {name for tasks in wanted for name in tasks}
-    return (project.graph.up_to(last) if last or wanted else project.graph), forced
+    is_part = (last or wanted) and not any(project.graph[name].after_delivery for name in last)
+    return (project.graph.up_to(last) if is_part else project.graph), forced
 
 
 def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:

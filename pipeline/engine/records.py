@@ -96,12 +96,16 @@ class Record:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spec:
-    """A task ready to run, without its graph. With `force` it runs even if there is a record of the key."""
+    """A task ready to run, without its graph. With `force` it runs even if there is a record of the key.
+
+    `folder`: output folder that it reads after delivery; then it is not given the outputs of its inputs.
+    """
 
     name: str
     key: str
     components: Components
     force: bool = False
+    folder: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

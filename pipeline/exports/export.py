@@ -2,6 +2,7 @@
 
 import shutil
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -60,13 +61,7 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there and not to be replaced.
     """
     asked = _asked(formats, folder, request or Request())
-    # Formats share them, but not with another call: the folder may have been built again
-    sight = lru_cache(maxsize=4)(partial(sight_of, output.path))
-    scene = lru_cache(maxsize=1)(partial(scene_of, output.path))
-    materials = {
-        wish: with_noise(chosen(gather(output, sight, scene, wish.position), wish.only), wish.noise)
-        for _, wish in asked.values()
-    }
+    materials = _materials(output, {wish for _, wish in asked.values()})
     for place, (name, wish) in asked.items():
         _require_kind(name, format_of(name), materials[wish])
         if place.exists() and not (wish.replace and (place / SIDE_CAR).exists()):
@@ -77,6 +72,21 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     for place, (name, wish) in asked.items():
         _write(name, materials[wish], place, wish)
     return list(asked)
+
+
+def write_export(output: Output, name: str, folder: Path, request: Request) -> None:
+    """Write a build in one format into an empty folder; raises as `export`."""
+    write_format(name, _materials(output, [request])[request], folder, request.position, request.noise)
+
+
+def _materials(output: Output, wishes: Iterable[Request]) -> dict[Request, Material]:
+    """What each of the wishes is written from."""
+    # They share cameras, but not with another call: the folder may have been built again
+    sight = lru_cache(maxsize=4)(partial(sight_of, output.path))
+    scene = lru_cache(maxsize=1)(partial(scene_of, output.path))
+    return {
+        wish: with_noise(chosen(gather(output, sight, scene, wish.position), wish.only), wish.noise) for wish in wishes
+    }
 
 
 def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tuple[str, Request]]:

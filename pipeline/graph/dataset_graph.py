@@ -68,7 +68,7 @@ def graph_of(dataset: Dataset) -> DatasetGraph:
         scenes.add_labels(graph, files, dataset, camera, bare)
     if any(len(frame.camera_from_world) > 1 for frame in dataset.frames):
         files["baselines.csv"] = (_add_baselines(graph, dataset), frames.BASELINES)
-    add_exports(graph, files, dataset, bare)
+    add_exports(graph, files, dataset)
     return made
 
 

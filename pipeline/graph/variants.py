@@ -13,6 +13,7 @@ from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.project import Project
 from pipeline.engine.records import Params
 from pipeline.errors import UsageError
+from pipeline.formats import Reads, format_of
 from pipeline.scene.dataset import CameraEntry, Dataset
 
 SHRINK = 4
@@ -65,16 +66,23 @@ def only_images(project: Project) -> Project:
 
 
 def without_pictures(project: Project) -> Project:
-    """The part of a project that makes tables and records: no image, label or map of rays of a camera."""
+    """The part of a project that makes tables and records: no image, label or map of rays of a camera, and no export
+    that reads one.
+    """
+    exports = [task for task in map(project.graph.__getitem__, project.graph) if task.after_delivery]
+    blind = {task.name: task for task in exports if Reads.IMAGES not in format_of(task.params["format"]).reads}
+    left_out = {task.name for task in exports} - blind.keys()
     files = {
         path: source
         for path, source in project.files.items()
-        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES))
+        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES)) and source[0] not in left_out
     }
     sources = [source for source in files.values() if not isinstance(source, bytes)]
     named = {task for task, _ in (*sources, *(part for of in project.findings.values() for part in of.values()))}
-    head = {**project.head, "pictures": False}
-    return dataclasses.replace(project, graph=project.graph.up_to(named), files=files, head=head)
+    graph = project.graph.up_to(named - blind.keys())
+    for task in blind.values():
+        graph.put(dataclasses.replace(task, reads={role: name for role, name in task.reads.items() if name in graph}))
+    return dataclasses.replace(project, graph=graph, files=files, head={**project.head, "pictures": False})
 
 
 def folder_of(out: Path) -> Path:
@@ -104,7 +112,7 @@ def on_device(project: Project, options: BuildOptions) -> Project:
 
     name, graph = device_name(), TaskGraph(project.graph.packages)
     for task in (project.graph[task] for task in project.graph):
-        graph.add(task.name, task.kind, _on(name, task), task.reads, task.together)
+        graph.put(dataclasses.replace(task, params=_on(name, task)))
     return dataclasses.replace(project, graph=graph)
 
 

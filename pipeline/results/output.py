@@ -109,11 +109,7 @@ def open_output(out: str | Path) -> Output:
     >>> out = pipeline.open_output("build/01_conventional")  # doctest: +SKIP
     >>> out.camera.correspondences.x_px  # doctest: +SKIP
     """
-    return output_of(finished_folder(out))
-
-
-def output_of(folder: BuiltFolder) -> Output:
-    """The content of a folder; raises as `open_output`."""
+    folder = finished_folder(out)
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
     bodies = sorted(name.split("/")[1] for name in folder.files if fnmatch(name, "cameras/*/camera.json"))
     seen = {(parts[1], parts[2]) for name in folder.files if (parts := name.split("/"))[0] == "frames"}

@@ -3,7 +3,7 @@
 import functools
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
 import networkx as nx
@@ -32,6 +32,8 @@ class Task:
     `together`: tasks of one kind with the same value here have the same inputs and may run together to share work. It
     is not part of the key, because the outputs are the same. A function that takes them annotates its params as a
     `Sequence`, and is given as many folders.
+    `after_delivery`: the task reads the output folder, once the files of all that it `reads` are there. It is given
+    that folder instead of their outputs, which are its key all the same.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Task:
     params: Params
     reads: dict[str, str]
     together: str | None = None
+    after_delivery: bool = False
 
     @functools.cached_property
     def canonical(self) -> bytes:
@@ -62,21 +65,23 @@ class TaskGraph:
     def add(
         self, name: str, kind: str, params: Params, reads: dict[str, str] | None = None, together: str | None = None
     ) -> str:
+        """Add a task and return its name; see `put`."""
+        return self.put(Task(name=name, kind=kind, params=params, reads=dict(reads or {}), together=together))
+
+    def put(self, task: Task) -> str:
         """Add a task and return its name. Its parameters must not be changed afterwards.
 
-        ValueError if the name exists already, a task that it reads does not, or `kind` is outside the packages.
+        ValueError if the name exists already, a task that it reads does not, or its kind is outside the packages.
         """
-        reads = dict(reads or {})
-        check_kind(kind, self.packages)
-        if name in self._graph:
-            raise ValueError(f"two tasks named {name!r}")
-        for role, source in reads.items():
+        check_kind(task.kind, self.packages)
+        if task.name in self._graph:
+            raise ValueError(f"two tasks named {task.name!r}")
+        for role, source in task.reads.items():
             if source not in self._graph:
-                raise ValueError(f"task {name!r} reads {source!r} as {role!r}, which does not exist")
-        task = Task(name=name, kind=kind, params=params, reads=reads, together=together)
-        self._graph.add_node(name, task=task)
-        self._graph.add_edges_from((source, name) for source in reads.values())
-        return name
+                raise ValueError(f"task {task.name!r} reads {source!r} as {role!r}, which does not exist")
+        self._graph.add_node(task.name, task=task)
+        self._graph.add_edges_from((source, task.name) for source in task.reads.values())
+        return task.name
 
     @classmethod
     def joined(cls, graphs: Mapping[str, "TaskGraph"]) -> "TaskGraph":
@@ -86,7 +91,7 @@ class TaskGraph:
             for task in map(graph.__getitem__, graph):
                 reads = {role: f"{before}/{source}" for role, source in task.reads.items()}
                 together = task.together and f"{before}/{task.together}"
-                whole.add(f"{before}/{task.name}", task.kind, task.params, reads, together)
+                whole.put(replace(task, name=f"{before}/{task.name}", reads=reads, together=together))
         return whole
 
     def __len__(self) -> int:
@@ -126,6 +131,11 @@ class TaskGraph:
         part = TaskGraph(self.packages)
         part._graph = self._graph.subgraph(wanted).copy()
         return part
+
+    @property
+    def before_delivery(self) -> "TaskGraph":
+        """The part of the graph whose tasks read no output folder."""
+        return self.up_to(name for name in self if not self[name].after_delivery)
 
     def select(self, pattern: str) -> list[str]:
         """Tasks that match a name, a wildcard pattern, or the beginning of names up to a slash; UsageError if none do.

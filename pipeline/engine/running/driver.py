@@ -50,17 +50,20 @@ def run(
     *,
     engine: Engine | None = None,
     caller: Caller = NOBODY,
+    before: Outcome | None = None,
 ) -> Outcome:
     """Bring the results of all tasks of a graph into the store.
 
     Of the options, workers, treatment of failures, and forced tasks (by name) count. An engine that is used instead of
-    theirs is closed at the end.
+    theirs is closed at the end. `before` has the tasks of the graph that an earlier run has settled.
     """
     if engine is None:
         inline = options.workers <= 1 and options.timeout_s is None and pin()
         workers = Processes(store, graph.packages, options.workers, timeout_s=options.timeout_s)
         engine = Inline(store, graph.packages) if inline else workers
     driver = _Driver(graph, store, engine, options, caller)
+    if before is not None:
+        driver.outcome = replace(before, results=dict(before.results), records=dict(before.records))
     with contextlib.ExitStack() as stack:
         interrupts = caller.interrupts or stack.enter_context(Interrupts(warner(caller.on_event)))
         stack.callback(engine.close)
@@ -73,7 +76,7 @@ def run(
 class _Driver:
     def __init__(self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller) -> None:
         self.graph, self.store, self.engine, self.options = graph, store, engine, options
-        self.on_event, self.prepare = caller.on_event, caller.prepare
+        self.on_event, self.prepare, self.folder = caller.on_event, caller.prepare, caller.folder
         self.places, self.peaks, self.available_bytes = caller.places, dict(caller.peaks), available_bytes()
         self.outcome = Outcome()
         self._forced = set(options.force)
@@ -85,15 +88,17 @@ class _Driver:
         self._deaths: Counter[str] = Counter()
         self._alone: set[str] = set()  # tasks that lacked memory: nothing runs beside them
         self._separately: set[str] = set()  # tasks whose worker died while they ran together with others
-        self._missing = {name: len(graph.sources(name)) for name in graph}  # sources that have no record yet
+        self._missing = dict[str, int]()  # number of sources that have no record yet
         self._priority = graph.priorities()
         self._ready: list[tuple[int, str]] = []
         self._has_failed = False
         self._broken = False  # the machine is at fault: more tasks would fail the same way
-        for name in graph:
-            self._queue_if_ready(name)
 
     def loop(self, interrupts: Interrupts) -> None:
+        there = self.outcome.records.keys()
+        self._missing = {name: len(set(self.graph.sources(name)) - there) for name in self.graph}
+        for name in self.graph:
+            self._queue_if_ready(name)
         while True:
             going = not (interrupts.arrived or self._broken or (self._has_failed and not self.options.keep_going))
             while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
@@ -162,7 +167,8 @@ class _Driver:
         if record is not None:
             self._settle(TaskResult(name=name, kind=task.short_kind, state="cached", key=spec.key), record)
             return None
-        return replace(spec, force=True) if name in self._forced else spec
+        folder = str(self.folder) if task.after_delivery else None
+        return replace(spec, folder=folder, force=name in self._forced)
 
     def _collect(self, reply: Reply) -> None:
         for text in reply.warnings:

@@ -11,6 +11,7 @@ import time
 from collections import ChainMap
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 from pipeline.engine.digest import DIGEST
@@ -23,9 +24,9 @@ from pipeline.engine.output.deliver import Contents, Delivery, Source, deliver
 from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.engine.planning.plan import PlannedTask, plan
+from pipeline.engine.planning.plan import PlannedTask, Specs, plan
 from pipeline.engine.project import Project, files_of, selection
-from pipeline.engine.records import Reply, Spec, as_json
+from pipeline.engine.records import Record, Reply, Spec, TaskResult, as_json
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
 from pipeline.engine.running.execute import perform
@@ -71,6 +72,7 @@ def build(
             work.compute(forced)
             with interrupts.stopping():
                 work.hand_over()
+            work.finish(forced)
         work.outcome.interrupted = interrupts.arrived
         store.sweep()  # ended workers could not tidy up
         result = work.result(time.perf_counter() - start, _within_limit(store, limit_bytes, warn))
@@ -80,7 +82,11 @@ def build(
 
 @dataclasses.dataclass(kw_only=True)
 class _Build:
-    """A running build: its tasks, their results and what was delivered."""
+    """A running build: its tasks, their results and what was delivered.
+
+    Tasks `after` delivery read the output folder. The first delivery has the files of all others, and of those whose
+    results are in the store; a second one adds what the rest of them make.
+    """
 
     project: Project
     options: BuildOptions
@@ -92,11 +98,16 @@ class _Build:
     error: PipelineError | None = None
 
     def __post_init__(self) -> None:
-        self.warn, self.history = warner(self.caller.on_event), history_of(self.project, self.store)
-        self.head, self.is_whole = self.project.head, len(self.graph) == len(self.project.graph)
+        self.warn, self.history = cache(warner(self.caller.on_event)), history_of(self.project, self.store)
+        self.head, self.before = self.project.head, self.graph.before_delivery
+        self.after = [name for name in self.graph if name not in self.before]
+        self.is_whole = len(self.graph) == len(self.project.graph)
+        self.known = dict[str, Record]()
+        if self.caller.prepare is not None:
+            self.caller = replace(self.caller, prepare=cache(self.caller.prepare))
 
     def compute(self, forced: Iterable[str]) -> None:
-        """Run the tasks, those of a sample twice, and note their costs."""
+        """Run the tasks before delivery, those of a sample twice, and note their costs."""
         self.outcome = self._run(forced)
         if self.options.check_percent and not self.outcome.interrupted:
             done = sorted(self.outcome.records)
@@ -106,6 +117,11 @@ class _Build:
             bad = {name: task for name, task in again.ran.items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
+        if len(self.outcome.records) == len(self.before):
+            specs = Specs(self.store)
+            keys = {name: specs.of(self.graph[name], self.outcome.records).key for name in self.after}
+            found = {name: self.store.record(key) for name, key in keys.items() if name not in forced}
+            self.known = {name: record for name, record in found.items() if record is not None}
 
     def hand_over(self) -> None:
         """Fill the output folder; results lost meanwhile are made again."""
@@ -116,13 +132,33 @@ class _Build:
                 self.warn("results vanished from the store before delivery; they are made again")
                 again = self._run()
                 self.outcome.results |= again.ran  # the report still counts the work of the first run
-                self.outcome.records, self.outcome.interrupted = again.records, again.interrupted
+                self.outcome.records, self.outcome.interrupted = self.outcome.records | again.records, again.interrupted
                 self._fill()
         except DamagedBlob:
             twice = "results vanished from the store before delivery, twice"
             self.error = EnvironmentFault(twice, hint="build again")
         except PipelineError as error:
             self.error = error
+
+    def finish(self, forced: Iterable[str]) -> None:
+        """Run the tasks after delivery, and deliver what is new of their files."""
+        first = self.delivery
+        if first is None or not self.after:
+            kinds = {name: self.graph[name].short_kind for name in self.after}
+            ends = {name: TaskResult(name=name, kind=kind, state="skipped") for name, kind in kinds.items()}
+            self.outcome.results |= ends
+            return
+        self.outcome = self._run(forced, self.outcome)
+        keep_history(self.project, self.store, self.outcome, self.history, whole=True)
+        made = self.outcome.records.keys() - self.known.keys() - set(self.before)
+        assert self.caller.interrupts is not None
+        if made:
+            with self.caller.interrupts.stopping():
+                self.hand_over()
+            last = self.delivery
+            assert last is not None
+            written, removed = {*first.written, *last.written}, {*first.removed, *last.removed}
+            self.delivery = replace(last, written=tuple(sorted(written)), removed=tuple(sorted(removed - written)))
 
     def result(self, seconds: float, store_bytes: int) -> Result:
         return Result(
@@ -140,33 +176,37 @@ class _Build:
             checked=self.outcome.checked,
         )
 
-    def _run(self, force: Iterable[str] = ()) -> Outcome:
+    def _run(self, force: Iterable[str] = (), before: Outcome | None = None) -> Outcome:
+        """Run the tasks before delivery; those after it on this machine, which has the folder, when those are done."""
         peaks = {kind: cost.peak_bytes for kind, cost in self.history.costs.items()}
+        out = self.project.out.absolute()
         return run(
-            self.graph,
+            self.graph if before else self.before,
             self.store,
             dataclasses.replace(self.options, force=tuple(force)),
-            engine=self.engine(self.store, self.graph.packages) if self.engine else None,
-            caller=dataclasses.replace(self.caller, peaks=peaks, places=self.project.places),
+            engine=self.engine(self.store, self.graph.packages) if self.engine and not before else None,
+            caller=dataclasses.replace(self.caller, peaks=peaks, places=self.project.places, folder=out),
+            before=before,
         )
 
     def _fill(self) -> None:
         """Deliver the requested files if all of them exist."""
         project, outcome = self.project, self.outcome
-        if len(outcome.records) < len(self.graph) or outcome.interrupted:
+        records = {**outcome.records, **self.known}
+        if not set(self.before) <= records.keys() or outcome.interrupted:
             return
-        if self.options.targets:
+        missing, whole = set(self.after) - records.keys(), bool(self.after) or not self.options.targets
+        if not whole:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_whole:
-            files = dict(project.files)
+            files = {path: source for path, source in project.files.items() if source[0] not in missing}
             for fact, places in project.findings.items():
                 blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in places.items()}
                 contents = {name: json.loads(self.store.read(blob.sha256)) for name, blob in blobs.items()}
                 self.head = {**self.head, fact: contents}
         else:
             return
-        whole = not self.options.targets
-        goal = Contents(files=files, head=self.head, records=outcome.records, stage_id=project.stage_id, whole=whole)
+        goal = Contents(files=files, head=self.head, records=records, stage_id=project.stage_id, whole=whole)
         self.delivery = deliver(project.out, goal, self.store, self.warn) if files else None
 
 

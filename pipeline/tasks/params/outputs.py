@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 from pipeline.exports.noise import Noise
-from pipeline.files.jsonfile import Json
 from pipeline.optics.transmission import Losses
 from pipeline.render.sensor.colours import Colorimetry
 from pipeline.render.sensor.response import Irradiation, PatternSpread, SensorResponse
 from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.frames import PlacedView
 
 SPECTRAL = "spectral.exr"
 DERIVATIVES = "derivatives.npz"
@@ -71,36 +69,13 @@ class Transmission:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SightedCamera:
-    """A camera whose rays are asked for: role of its task `camera`, and its accuracy."""
-
-    camera_role: str
-    seed: int
-    square_px: float
-    min_hit_fraction: float
-    accuracy_px: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SeenFrame:
-    """Everything before a camera in a frame."""
-
-    camera: str
-    number: int
-    view: PlacedView
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
     """An export of one format.
 
     `code`: digest of the code that writes the format, which no import of the task names.
     `stage`: name of the dataset, which the files mention.
-    `files`: path in the output folder -> role and output of the task that makes the file.
-    `records`: path in the output folder -> content of a JSON file that is written from the stage itself.
-    `numbers`: the frames of each camera, by name.
-    `sights`: name of each camera whose rays the format reads.
-    `views`: views for formats that read the scene.
+    `cameras`: names of those that the format can describe.
+    `written`: digest of the files that are written from the stage itself.
     """
 
     format: str
@@ -108,8 +83,5 @@ class Export:
     position: str
     noise: Noise
     stage: str
-    files: dict[str, tuple[str, str]]
-    records: Json
-    numbers: dict[str, tuple[int, ...]]
-    sights: dict[str, SightedCamera]
-    views: tuple[SeenFrame, ...]
+    cameras: tuple[str, ...]
+    written: str

@@ -1,4 +1,4 @@
-"""Exports that a stage asks for: tasks of its build, whose files are those of `pipeline export`."""
+"""Exports that a stage asks for: made of the delivered folder, as `pipeline export` makes them."""
 
 import re
 import sys
@@ -16,12 +16,15 @@ from shorter import few
 from stage_text import head
 
 from pipeline import formats
-from pipeline.app.build import build, project
+from pipeline.app.build import Result, build, project
+from pipeline.engine.planning import task_code
+from pipeline.errors import Exit
 from pipeline.exports.export import Request, export
 from pipeline.exports.noise import Noise
 from pipeline.exports.writer_code import code_of_writer
 from pipeline.formats import ExportError, format_of
 from pipeline.results.output import open_output
+from pipeline.results.records import finished_folder
 from pipeline.scene.load import load
 
 ASKED = {
@@ -149,7 +152,8 @@ def laboratory(tmp_path, monkeypatch):
         folder = tmp_path / "site"
         install(folder, code or python[0], tomllib.loads(project[0])["project"])
         monkeypatch.syspath_prepend(folder)
-        monkeypatch.delitem(sys.modules, "corner_table", raising=False)
+        for known in (sys.modules, task_code._first_seen):  # of another test
+            monkeypatch.delitem(known, "corner_table", raising=False)
         return folder
 
     yield installed
@@ -183,6 +187,42 @@ def test_a_stage_asks_for_it_and_new_code_makes_a_new_key(laboratory, tmp_path, 
     again = build(tmp_path / "stage.usda", tmp_path / "out", jobs=1, allow_roots=ROOTS)
     (failure,) = again.failures  # this process has the old code
     assert "is not the one that this build was planned with" in str(failure.error)
+
+
+def test_an_export_that_fails_is_named_and_loses_only_itself(laboratory, tmp_path, common_store, monkeypatch):
+    """Everything else is delivered, and the next build makes what is missing; nothing is exported twice."""
+    code = re.findall("```python\n(.*?)```", PAGE.read_text(), re.S)[0]
+    broken = code.replace(
+        "    for camera in", "    if 'NO_INK' in os.environ:\n        raise ValueError('no ink')\n    for camera in"
+    )
+    laboratory(f"import os\n{broken}")
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    monkeypatch.setenv("NO_INK", "1")
+    out, text = tmp_path / "out", stage_text("conventional", ["npz", "corner-table"])
+
+    def built(text: str, **options) -> Result:
+        (tmp_path / "stage.usda").write_text(text)
+        return build(tmp_path / "stage.usda", out, jobs=1, allow_roots=ROOTS, **options)
+
+    first = built(text)
+    (failure,) = first.failures
+    assert failure.name == "export/corner-table" and "no ink" in failure.error and first.exit_code == Exit.FAILED
+    assert "exports/npz/export.json" in finished_folder(out).files and not (out / "exports/corner-table").exists()
+    monkeypatch.delenv("NO_INK")
+    second = built(text)
+    assert [task.name for task in second.tasks if task.state == "executed"] == ["export/corner-table"]
+    assert set(second.delivery.written) == {
+        f"exports/corner-table/{name}" for name in ("Rig.Camera.csv", "export.json")
+    }
+    third = built(text)
+    assert third.executed == 0 and third.delivery.written == ()
+    (out / "exports/npz/export.json").unlink()
+    fourth = built(text.replace(', "corner-table"', ""), targets=["exports/npz"])
+    assert (
+        fourth.executed == 0
+        and fourth.asked is None
+        and sorted(path.name for path in (out / "exports").iterdir()) == ["npz"]
+    )
 
 
 @pytest.mark.parametrize(
