@@ -1,23 +1,23 @@
-"""Edits of a stage as a person makes them: attribute, frame, line, old and new value."""
+"""Edits of a stage in a user's terms: attribute, frame, line, old and new value."""
 
 import json
 from dataclasses import dataclass
 from typing import Any
 
 _LONGEST = 60
-"""Longest value in a text [characters]."""
+"""Longest value in a message [characters]."""
 _OF_A_VECTOR = 4
-"""Most numbers in a vector: longer lists are arrays."""
+"""Most numbers that count as a vector: a longer list is an array."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Edit:
     """One value replaced by another.
 
-    `at` is the path of a prim or property on the composed stage, or `/` for its layer; `field` names edited metadata
-    (`references`, `endTimeCode`), and is None for a value and for a whole prim, whose value is its type. `time` is that
-    of an edited sample. `old` and `new` are JSON values, None where nothing is written. `file` and `line` are the place
-    as messages show it; of a removed statement that of the prim that held it.
+    `at` is the path of a prim or property on the composed stage, or `/` for its layer. `field` names edited metadata
+    (`references`, `endTimeCode`); it is None for a value, and for a whole prim, whose value is its type. `time` is that
+    of an edited sample. `old` and `new` are JSON values, None where nothing is authored. `file` and `line` are the
+    location as messages show it; for a removed statement, that of the prim that held it.
     """
 
     at: str
@@ -36,12 +36,12 @@ class Edit:
         return f"<{self.at}>" + (f" {self.field}" if self.field else "")
 
     def __str__(self) -> str:
-        place = "".join(f"{part}:" for part in (self.file, self.line) if part is not None)
+        location = "".join(f"{part}:" for part in (self.file, self.line) if part is not None)
         when = "" if self.time is None else f" at frame {self.time:g}"
-        return f"{place} {self.subject}{when}{self._change()}".lstrip()
+        return f"{location} {self.subject}{when}{self._change()}".lstrip()
 
     def _change(self) -> str:
-        """The change as text; for arrays only the entry that differs, if it is one."""
+        """The change as text; for an array in which one entry differs, that entry alone."""
         old, new = self.old, self.new
         if "." not in self.at and self.field is None and (old is None or new is None):
             return f": new, {new}" if old is None else f": gone, was {old}"
@@ -53,7 +53,7 @@ class Edit:
 
 
 def _text(value: Any) -> str:
-    """A value as USD writes it, shortened if it is long."""
+    """A value in USD syntax, shortened if it is long."""
     text = json.dumps(value, ensure_ascii=False)
     if value is None:
         text = "not set"

@@ -1,4 +1,4 @@
-"""Entry points: how plug-ins are found, folders of `plugins/` and packages of others, which nothing imports.
+"""Entry points, by which plug-ins are found: those in `plugins/`, which nothing imports, and those of other packages.
 
 Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
 timeout_s)` of `--engine NAME:WHERE`; `.products`: `report`, which listens to a build and then writes about its folder;
@@ -32,12 +32,12 @@ def _offered(group: str, _path: tuple[str, ...]) -> dict[str, list["EntryPoint"]
 
 
 def package_of(entry: "EntryPoint") -> str:
-    """The distribution of an entry point."""
+    """Name of the distribution that declares an entry point."""
     return entry.dist.name if entry.dist else entry.module
 
 
 def plugged_in(kind: str, name: str) -> Any:
-    """Load what an entry point names; UsageError if no plug-in has it, or if that is broken."""
+    """Load the object that an entry point names; UsageError if no plug-in declares it, or if it is broken."""
     if name not in (entries := offered(kind)):
         hint = f"{kind}s of plug-ins: {', '.join(sorted(entries)) or 'none; install plenoptic-pipeline again'}"
         raise UsageError(f'no plug-in that is installed has the {kind} "{name}"', hint=hint)

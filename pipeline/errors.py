@@ -1,13 +1,13 @@
-"""Base classes of errors for users. Each error carries its facts and tells how to mend it.
+"""Base classes of the errors that users see. Each error carries its facts and says how to mend it.
 
-Rooms derive their own errors from these where they raise them; this module must not grow with them.
+Each room derives its own errors from these, where it raises them; this module does not grow with them.
 """
 
 from enum import IntEnum
 
 
 class Exit(IntEnum):
-    """Meaning of the exit code of a command: the table of docs/engine.md."""
+    """Exit codes of the command; docs/engine.md tabulates their meaning."""
 
     DONE = 0
     FAILED = 1
@@ -41,7 +41,7 @@ class PipelineError(Exception):
 
     @property
     def as_text(self) -> str:
-        """Text as the command prints it."""
+        """The error as the command prints it."""
         return f"error: {self}"
 
     def __str__(self) -> str:
@@ -55,6 +55,6 @@ class UsageError(PipelineError):
 
 
 class EnvironmentFault(PipelineError):
-    """The machine prevents the work: full disk, read-only folder, other versions (exit code 5)."""
+    """A fault of the machine: full disk, read-only folder, other versions (exit code 5)."""
 
     exit_code = Exit.MACHINE

@@ -1,4 +1,4 @@
-"""Folders: of the data that ships with the package, of a user's results; files put into them, and paths of no use."""
+"""Locations of the shipped data and of the user's cache, unusable paths, and atomic writing."""
 
 import contextlib
 import os
@@ -8,14 +8,11 @@ from pathlib import Path
 from pipeline.errors import EnvironmentFault
 
 _ASIDE = 64
-"""Letters kept free in a path [bytes]: longer than what is added while files are put into place."""
+"""Bytes kept free in a path: more than a temporary file name adds."""
 
 
 def share(name: str) -> Path:
-    """Folder `name` of the shipped data.
-
-    In an installed wheel it is in `pipeline/_share/`, in a checkout beside the package.
-    """
+    """Folder `name` of the shipped data: `pipeline/_share/` in an installed wheel, beside the package in a checkout."""
     package = Path(__file__).resolve().parent
     installed = package / "_share" / name
     return installed if installed.is_dir() else package.parent / name
@@ -24,7 +21,7 @@ def share(name: str) -> Path:
 def user_cache() -> Path:
     """`plenoptic-pipeline/` in $XDG_CACHE_HOME, else in `.cache/` of the user's home.
 
-    EnvironmentFault, if there is no home, as in a container that runs under a user number without a name.
+    EnvironmentFault if the user has no home, as in a container that runs under a user number without a name.
     """
     base = os.environ.get("XDG_CACHE_HOME")
     try:
@@ -37,31 +34,31 @@ def user_cache() -> Path:
 
 
 def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
-    """The reason why nothing can be read or written under a path, or names below it; None if no problem is known.
+    """Reason why nothing can be read or written under a path, or under these names below it; None if there is none.
 
     Our texts and USD use UTF-8, and a file system limits the number of bytes.
     """
-    whole = str(folder.absolute())
-    if "\0" in whole:
+    full = str(folder.absolute())
+    if "\0" in full:
         return f"holds a character that no path can hold: {str(folder)!r}"
     try:
-        whole.encode()
+        full.encode()
     except UnicodeEncodeError:
         with contextlib.suppress(UnicodeError):
-            os.fsencode(whole).decode()
+            os.fsencode(full).decode()
             return f"has letters that Python does not know in this locale (set PYTHONUTF8=1): {str(folder)!a}"
         return f"is not UTF-8: {str(folder)!a}"
     name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")
-    if any(len(os.fsencode(name)) > name_max for name in whole.split("/")):
+    if any(len(os.fsencode(name)) > name_max for name in full.split("/")):
         return f"has a name of more than {name_max} bytes"
     longest = max((os.fsencode(f"/{file}") for file in files), key=len, default=b"")
-    if len(os.fsencode(whole)) + len(longest) + _ASIDE > path_max:
+    if len(os.fsencode(full)) + len(longest) + _ASIDE > path_max:
         return f"is longer than {path_max} bytes with all that comes below it"
     return None
 
 
 def put(path: Path, content: bytes) -> None:
-    """Write a file aside and put it into place, unless it is there already; where that fails all is as it was."""
+    """Write a file atomically, unless it already has this content; a failure changes nothing."""
     if path.is_file() and path.read_bytes() == content:
         return
     aside = path.with_name(f".{os.getpid()}.new")

@@ -1,9 +1,9 @@
-"""Export formats: the record with which a format begins, and how the formats of all installed packages are found.
+"""Export formats: the record that describes a format, and the discovery of formats in all installed packages.
 
-A format is a module with `FORMAT`, a `Format`, and `write(material, folder)`, which puts an `exports.material.Material`
-into the layout of its files. An entry point of the group `plenoptic_pipeline.formats` names it, in this package or in
-another. A stage that asks for an export is checked, and its tasks are planned, before there is any result: so a format
-states its files by the names of cameras and frames alone. docs/export_format.md writes one.
+A format is a module with `FORMAT`, a `Format`, and `write(material, folder)`, which lays out an
+`exports.material.Material` as files. An entry point of the group `plenoptic_pipeline.formats` names it, in this package
+or in another. A stage that asks for an export is checked, and its tasks are planned, before there is any result; so a
+format derives its file names from the names of cameras and frames alone. docs/export_format.md writes one.
 
 Our own conventions are those of CONVENTIONS.md: the centre of the top-left pixel is (0, 0), x right, y down; mm; poses
 from the target, whose frame has its origin in the middle, x right, y up, z towards the viewer.
@@ -25,17 +25,17 @@ from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
 SIDE_CAR = "export.json"
-"""File in the folder of every format: the stage, the conventions, the noise."""
+"""Side-car file of every export: the stage, the conventions, the noise."""
 EXACT = "exact"
-"""Name of the positions of J; chief, saddle and centroid are those of the columns with these names."""
+"""Name of the positions of J; chief, saddle and centroid are the columns of these names."""
 
 
 class ExportError(UsageError):
-    """A format that is unknown, or that cannot hold a build, or exports that make no sense."""
+    """An unknown format, a format that cannot hold the build, or contradictory exports."""
 
 
 class Cameras(StrEnum):
-    """Kind of cameras that a format can describe."""
+    """Cameras that a format can describe."""
 
     CONVENTIONAL = "conventional"
     PLENOPTIC = "plenoptic"
@@ -60,7 +60,9 @@ class Reads(StrEnum):
 
 
 class Origin(StrEnum):
-    """Number that a format has for the centre of the top-left pixel; the middle of an image lies between pixels."""
+    """Coordinate that a format gives to the centre of the top-left pixel; the middle of an image may lie between
+    pixels.
+    """
 
     ZERO = "0"
     HALF = "0.5"
@@ -71,7 +73,7 @@ class Origin(StrEnum):
 
 
 _FIRST_PIXEL = {Origin.ZERO: 0.0, Origin.HALF: 0.5, Origin.ONE: 1.0}
-"""Number of the centre of the top-left pixel [px]; of other origins it depends on the image."""
+"""Coordinate of the centre of the top-left pixel [px]; for all other origins it depends on the image size."""
 
 
 class ImageAxes(StrEnum):
@@ -83,7 +85,7 @@ class ImageAxes(StrEnum):
 
 
 class Board(StrEnum):
-    """Frame in which a format counts target points."""
+    """Frame in which a format states target points."""
 
     RIGHT_DOWN = "from point 0, x right, y down, z away from the viewer"
     KALIBR = "from point 0, z towards the viewer; x down, y right, but x right, y up of AprilGrids"
@@ -102,14 +104,14 @@ class Pose(StrEnum):
 
 
 class CameraAxes(StrEnum):
-    """Axes of the camera to which, or from which, a stored pose leads."""
+    """Camera axes of a stored pose."""
 
     VISION = "x right, y down, z forward"
     OPENGL = "x right, y up, z backward"
 
 
 class Centre(StrEnum):
-    """Point of the camera that a pose leads to."""
+    """Point of the camera that a pose refers to."""
 
     PINHOLE = "equivalent pinhole"
     ROWS = "pinhole of the rows"
@@ -120,7 +122,7 @@ class Centre(StrEnum):
 
 
 class Rotation(StrEnum):
-    """Form of a stored rotation."""
+    """Representation of a stored rotation."""
 
     VECTOR = "Rodrigues vector"
     MATRIX = "matrix, by rows"
@@ -130,7 +132,7 @@ class Rotation(StrEnum):
 
 
 class Unit(StrEnum):
-    """Unit of lengths in space."""
+    """Unit of length in space."""
 
     MM = "mm"
     M = "m"
@@ -138,7 +140,7 @@ class Unit(StrEnum):
 
 
 class Microlenses(StrEnum):
-    """Numbers of microlenses and of their types."""
+    """Numbering of microlenses and of their types."""
 
     NONE = "none"
     AXIAL = "axial (k, l); type as in CONVENTIONS.md"
@@ -149,7 +151,7 @@ class Microlenses(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Convention:
-    """Meaning of numbers: `exports.conversion` brings a build into it, and nobody else does."""
+    """Meaning of a format's numbers. `exports.conversion`, and nothing else, converts a build to it."""
 
     origin: Origin
     axes: ImageAxes = ImageAxes.X_Y
@@ -163,11 +165,11 @@ class Convention:
 
     @property
     def scale(self) -> float:
-        """A millimetre in the unit."""
+        """One millimetre, in this unit."""
         return 1e-3 if self.unit is Unit.M else 1.0
 
     def positions(self, places_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-        """Image positions of ours as it counts them, (..., 2) [px, or 1]."""
+        """Our image positions in the coordinates of this convention, (..., 2) [px, or 1]."""
         upwards = self.axes is ImageAxes.X_UP
         if self.origin is Origin.SHARE:
             shares = (places_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
@@ -185,7 +187,7 @@ OURS = Convention(origin=Origin.ZERO, board=Board.OURS, unit=Unit.MM, microlense
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Format(Convention):
-    """A format: who reads it, its files, what it reads of a build, and what its numbers mean."""
+    """An export format: its consumer, its files, the parts of a build that it reads, and the meaning of its numbers."""
 
     consumer: str  # who reads it
     source: str = ""  # how we know: programs that are run on files, in every test or in a proof, and what was only read
@@ -201,7 +203,7 @@ class Format(Convention):
     least_cameras: int = 1  # fewest cameras, or channels of one, that it relates to each other
 
     def takes(self, is_plenoptic: bool) -> bool:
-        """Whether it can describe such a camera."""
+        """Whether the format can describe such a camera."""
         return self.cameras is Cameras.ANY or is_plenoptic is (self.cameras is Cameras.PLENOPTIC)
 
     def paths(self, cameras: Mapping[str, bool], frames: Mapping[str, Sequence[int]], targets: int) -> list[str]:
@@ -209,7 +211,7 @@ class Format(Convention):
 
         `cameras`: name, as `Rig.Camera` or `Rig.Camera@red` of a channel -> whether it is plenoptic.
         `frames`: of each camera.
-        `targets`: how many there are.
+        `targets`: number of targets.
         """
         every = sorted({number for numbers in frames.values() for number in numbers})
         fillings: dict[str, dict[str, Sequence[int]]] = {  # what stands for a word, with the frames that it has
@@ -232,7 +234,7 @@ class Format(Convention):
 
 
 def pairs(cameras: Iterable[str], frames: Mapping[str, Sequence[int]]) -> list[tuple[str, str]]:
-    """All pairs of different cameras with a frame in common, in the same channel of their sensors if these have any.
+    """Pairs of different cameras that share a frame; of cameras with channels, pairs within the same channel.
 
     `frames`: of each camera.
     """
@@ -246,17 +248,17 @@ def pairs(cameras: Iterable[str], frames: Mapping[str, Sequence[int]]) -> list[t
 
 
 def folder_of(name: str, position: str) -> str:
-    """Folder of a format: `opencv`, or `opencv-saddle` with the positions of saddles."""
+    """Folder of an exported format: `opencv`, or `opencv-saddle` with the positions of saddles."""
     return name if position == EXACT else f"{name}-{position}"
 
 
 def names() -> list[str]:
-    """Names of all formats of the installed packages, sorted; none of them is loaded."""
+    """Sorted names of all formats of the installed packages, without loading any."""
     return sorted(offered("format"))
 
 
 def format_of(name: str) -> Format:
-    """The format of a name; its module is loaded.
+    """The format of this name; its module is loaded.
 
     Raises ExportError: as `module_of`.
     """
@@ -265,7 +267,7 @@ def format_of(name: str) -> Format:
 
 
 def loadable() -> dict[str, Format]:
-    """Name -> format, of those that load: what `pipeline export` can be asked for."""
+    """Name -> format for every format that loads: the choices of `pipeline export`."""
     formats = {}
     for name in names():
         with suppress(ExportError):  # whoever asks for it is told
@@ -274,9 +276,9 @@ def loadable() -> dict[str, Format]:
 
 
 def module_of(name: str) -> ModuleType:
-    """The module of a format, which has `FORMAT` and `write`.
+    """The module of a format, with `FORMAT` and `write`.
 
-    Raises ExportError: there is none, two packages have one of that name, or its package is broken.
+    Raises ExportError: no format has this name, two packages define it, or its package is broken.
     """
     entry = entry_of(name)
     broken = f'the export format "{name}" of the package {package_of(entry)}'
@@ -293,9 +295,9 @@ def module_of(name: str) -> ModuleType:
 
 
 def entry_of(name: str) -> EntryPoint:
-    """The entry point of a format, which is not loaded.
+    """The entry point of a format, not loaded.
 
-    Raises ExportError: there is none, or two packages have one of that name.
+    Raises ExportError: no format has this name, or two packages define it.
     """
     entries = offered("format").get(name, [])
     if len(entries) > 1:
@@ -303,8 +305,8 @@ def entry_of(name: str) -> EntryPoint:
         message = f'the packages {packages} each have an export format "{name}"'
         raise ExportError(message, hint="remove one of them", code="broken-export")
     if not entries:
-        known = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
+        installed = ", ".join(names()) or "none is installed: install plenoptic-pipeline again"
         guess = did_you_mean(name, names())
-        hint = f"{guess} formats: {known}" if guess else f"formats: {known}"
+        hint = f"{guess} formats: {installed}" if guess else f"formats: {installed}"
         raise ExportError(f'there is no export format "{name}"', hint=hint, code="unknown-export")
     return entries[0]

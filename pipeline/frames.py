@@ -1,4 +1,4 @@
-"""Rigid transforms named a_from_b, the frames they join, and the unit of a stage. The list of frames: CONVENTIONS.md.
+"""Rigid transforms named a_from_b, the frames they join, and the unit of a stage. CONVENTIONS.md lists the frames.
 
 A transform is a (4, 4) float64 array that acts on column vectors, lengths in mm.
 """
@@ -35,9 +35,9 @@ def apply(a_from_b: Float64[np.ndarray, "4 4"], points_mm: Float64[np.ndarray, "
 def distorted(
     coefficients: Num[np.ndarray, "k"], u: Num[np.ndarray, "n"], v: Num[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the plane z = 1 as OpenCV's distortion with 0, 5, 8, 12 or 14 coefficients bends them; analytic.
+    """Points of the plane z = 1 under OpenCV's distortion with 0, 5, 8, 12 or 14 coefficients; analytic.
 
-    opencv/opencv, modules/calib3d: projectPoints.
+    Source: opencv/opencv, modules/calib3d, projectPoints.
     """
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, *tau = np.concatenate(
         [coefficients, np.zeros(14 - len(coefficients))]
@@ -61,12 +61,12 @@ def _on_tilted(
     about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
     turn = about_y @ about_x
     upright = np.array([[turn[2, 2], 0, -turn[0, 2]], [0, turn[2, 2], -turn[1, 2]], [0, 0, 1]])
-    seen = upright @ turn @ np.stack([x, y, np.ones_like(x)])
-    return seen[0] / seen[2], seen[1] / seen[2]
+    projected = upright @ turn @ np.stack([x, y, np.ones_like(x)])
+    return projected[0] / projected[2], projected[1] / projected[2]
 
 
 def rotation_vector(a_from_b: Float64[np.ndarray, "4 4"]) -> np.ndarray:
-    """Axis times angle of the rotation, what OpenCV calls rvec, (3,) [rad].
+    """Rotation vector, axis times angle, OpenCV's rvec, (3,) [rad].
 
     Computed from the quaternion, by the largest of its four squares: Shepperd, J. Guidance and Control 1 (1978) 223.
     """

@@ -1,4 +1,4 @@
-"""Limits of the size of a dataset, checked before memory is allocated for it; see docs/limits.md."""
+"""Limits on the size of a dataset, checked before memory is allocated for it; see docs/limits.md."""
 
 import os
 from dataclasses import dataclass, fields
@@ -8,14 +8,14 @@ from pipeline.spelling import did_you_mean
 
 VARIABLE = "PIPELINE_LIMITS"
 MOST_SAMPLES = 1 << 16
-"""Most samples of a pixel through a microlens where a noise is asked for [rays]: independent rays, half of them black
-and half white, then have a noise of 0.2 %.
+"""Most rays per pixel and microlens when a noise level is requested [rays]: with independent rays, half of them black
+and half white, the noise is then 0.2 %.
 """
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """Limits of a dataset. The paper's rig, 6576 x 4384 pixels at K = 4, takes half of `pixels` and `rays`."""
+    """Limits on a dataset. The paper's rig, 6576 x 4384 pixels at K = 4, takes half of `pixels` and `rays`."""
 
     frames: int = 5_000  # of a dataset times its cameras
     pixels: int = (
@@ -33,15 +33,15 @@ class Limits:
 
 
 def limits() -> Limits:
-    """The default limits, changed by the environment: `PIPELINE_LIMITS="frames=2e4,rays=1e13"`.
+    """The default limits, as changed by the environment: `PIPELINE_LIMITS="frames=2e4,rays=1e13"`.
 
-    UsageError, if the variable names an unknown limit, or a value is not a number.
+    UsageError if the variable names an unknown limit, or a value is not a number.
     """
-    raised, known = {}, [field.name for field in fields(Limits)]
+    raised, names = {}, [field.name for field in fields(Limits)]
     for item in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
         name, _, text = item.partition("=")
-        if name.strip() not in known:
-            hint = did_you_mean(name.strip(), known) or f"limits are: {', '.join(known)}"
+        if name.strip() not in names:
+            hint = did_you_mean(name.strip(), names) or f"limits are: {', '.join(names)}"
             raise UsageError(f'{VARIABLE}: "{item}" names no limit', hint=hint)
         try:
             raised[name.strip()] = int(float(text))
@@ -52,5 +52,5 @@ def limits() -> Limits:
 
 
 def how_to_raise(name: str, count: float) -> str:
-    """The hint of an error about a limit: the setting with which a count is accepted."""
+    """Hint for an error about a limit: the setting that would accept this count."""
     return f'{VARIABLE}="{name}={count:.0f}" in the environment allows it, if memory, disk and time suffice'

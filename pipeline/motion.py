@@ -1,4 +1,4 @@
-"""Poses that change while a frame is exposed, and the times at which lines of a sensor are."""
+"""Poses that change during an exposure, and exposure times of sensor lines."""
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
@@ -9,18 +9,18 @@ import numpy as np
 from pipeline.records.shapes import Float64
 
 NODES = 13
-"""Poses of a piece of a motion [1]: half a turn in a piece is right to 1e-10 then, see docs/motion.md."""
+"""Chebyshev nodes per piece of a motion [1]: half a turn within a piece is then right to 1e-10, see docs/motion.md."""
 _MORE_S = 2e-6
-"""Further time of a motion [s], in which the velocity at an instant is measured."""
+"""Margin at both ends of a motion [s], over which the velocity at an instant is measured."""
 Poses = list[list[list[float]]]
 """Transforms a_from_b, row by row, (n, 4, 4) [mm]."""
 _SCANS = {"none": (1, 0), "leftToRight": (0, 1), "rightToLeft": (0, -1), "topToBottom": (1, 1), "bottomToTop": (1, -1)}
-"""Axis of the image, 0: x, 1: y, along which lines follow each other, and whether their time grows or falls with it."""
+"""Image axis along which lines follow each other, 0: x, 1: y, and the sign of their time along it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shutter:
-    """When lines of a sensor are exposed, after the time code of the frame: `plen:shutter:*`."""
+    """Exposure of the lines of a sensor relative to the time code of the frame: `plen:shutter:*`."""
 
     scan_order: str = "none"
     opens_s: float = 0.0
@@ -30,16 +30,16 @@ class Shutter:
 
     @property
     def axis(self) -> int:
-        """Axis of the image along which lines follow each other, 0: x, lines are columns, 1: y, lines are rows."""
+        """Image axis along which lines follow each other, 0: x, lines are columns, 1: y, lines are rows."""
         return _SCANS[self.scan_order][0]
 
     @property
     def line_by_px_s(self) -> float:
-        """Derivative of `opens_at_s` by the position along the axis [s per px]."""
+        """Derivative of `opens_at_s` by the position along the axis [s/px]."""
         return _SCANS[self.scan_order][1] * self.line_s
 
     def opens_at_s(self, x_px: Float64[np.ndarray, "n 2"], size_px: tuple[int, int]) -> np.ndarray:
-        """Start of the exposure at image positions, (n,) [s]: continuous, and that of a line in the line's middle.
+        """Start of the exposure at image positions, (n,) [s]: continuous, and exact at the middle of each line.
 
         `size_px`: width and height of the image.
         """
@@ -54,7 +54,7 @@ class Shutter:
     def lines(
         self, rows: tuple[int, int], size_px: tuple[int, int]
     ) -> Iterator[tuple[float, tuple[int, int], tuple[int, int]]]:
-        """Pixels of some rows of an image that are exposed together: start of their exposure [s], rows and columns."""
+        """Pixels of these image rows that are exposed together: start of their exposure [s], rows and columns."""
         columns = 0, size_px[0]
         if self.scan_order == "none":
             yield self.opens_s, rows, columns
@@ -62,40 +62,40 @@ class Shutter:
         lines = np.arange(*(columns, rows)[self.axis], dtype=float)
         opens_s = self.opens_at_s(np.stack([lines, lines], axis=1), size_px)
         for line, time in zip(lines.tolist(), opens_s.tolist(), strict=True):
-            some = int(line), int(line) + 1
-            yield (time, rows, some) if self.axis == 0 else (time, some, columns)
+            line_range = int(line), int(line) + 1
+            yield (time, rows, line_range) if self.axis == 0 else (time, line_range, columns)
 
     def window_s(self, size_px: tuple[int, int]) -> tuple[float, float]:
-        """Begin of the first exposure and end of the last in an image of so many columns and rows [s]."""
+        """Start of the first exposure and end of the last, in an image of this size [s]."""
         lines = 0 if self.scan_order == "none" else size_px[self.axis] - 1
         return self.opens_s, self.opens_s + self.line_s * lines + self.exposure_s
 
     def motion_s(self, size_px: tuple[int, int]) -> tuple[float, float]:
-        """Begin and end of what a motion covers [s]: two lines more at both ends, where the search of a row may go."""
+        """Start and end of the time that a motion covers [s]: two lines more at both ends, where a solver may step."""
         (first, end), more = self.window_s(size_px), 2 * self.line_s + _MORE_S
         return first - more, end + more
 
     def ends_s(self, size_px: tuple[int, int]) -> np.ndarray:
-        """Middles of the exposures of the first line and of the last, (2,) [s]."""
+        """Mid-exposure times of the first and of the last line, (2,) [s]."""
         return np.array(self.window_s(size_px)) + np.array([0.5, -0.5]) * self.exposure_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """A rigid motion, by poses a_from_b at Chebyshev's nodes of pieces between `edges_s`, at which it may bend."""
+    """A rigid motion, by poses a_from_b at the Chebyshev nodes of pieces; it may have a kink at each of `edges_s`."""
 
     edges_s: tuple[float, ...]
     poses: tuple[Poses, ...]  # of each piece
 
     @classmethod
     def of(cls, pose: Callable[[float], np.ndarray], edges_s: Sequence[float]) -> "Motion":
-        """The motion of a pose (4, 4) [mm] that is a function of time [s], smooth between edges."""
+        """Sample a pose (4, 4) [mm] that is a function of time [s], smooth between the edges."""
         times = cls.times_s(np.array(edges_s)).tolist()
         poses = tuple([np.asarray(pose(time), float).tolist() for time in piece] for piece in times)
         return cls(edges_s=tuple(edges_s), poses=poses)
 
     def at(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Poses at times, (n, 4, 4); before and after the motion those of its ends."""
+        """Poses at these times, (n, 4, 4); before and after the motion, those at its ends."""
         piece, share = node_shares(np.array(self.edges_s), NODES, times_s)
         return np.einsum("nk,nkij->nij", share, np.array(self.poses)[piece])
 
@@ -106,7 +106,7 @@ class Motion:
 
 
 def node_times(edges_s: Float64[np.ndarray, "m"], count: int) -> np.ndarray:
-    """Times of so many of Chebyshev's nodes in each piece between edges, both ends among them, (m - 1, count)."""
+    """Times of `count` Chebyshev nodes in each piece between edges, both ends included, (m - 1, count)."""
     first, end = edges_s[:-1, None], edges_s[1:, None]
     return (first + end) / 2 + (end - first) / 2 * _nodes(count)
 
@@ -114,8 +114,8 @@ def node_times(edges_s: Float64[np.ndarray, "m"], count: int) -> np.ndarray:
 def node_shares(
     edges_s: Float64[np.ndarray, "m"], count: int, times_s: Float64[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Piece of each time, (n,), and shares of its nodes in what is interpolated there, (n, count); before and after all
-    pieces those of their ends.
+    """Piece of each time, (n,), and the barycentric weights of its nodes, (n, count); times before and after all pieces
+    take those of the ends.
     """
     times = np.clip(times_s, edges_s[0], edges_s[-1])
     piece = np.clip(np.searchsorted(edges_s, times, side="right") - 1, 0, len(edges_s) - 2)
@@ -131,7 +131,7 @@ def node_shares(
 
 @functools.cache
 def _nodes(count: int) -> np.ndarray:
-    """From -1 to 1, both among them."""
+    """Chebyshev nodes of the second kind on [-1, 1], both ends included."""
     return -np.cos(np.pi * np.arange(count) / (count - 1))
 
 

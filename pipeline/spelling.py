@@ -1,4 +1,4 @@
-"""Words of messages: suggestions for misspelt names, texts without control characters, numbers."""
+"""Wording of messages: suggestions for misspelt names, escaped control characters, numbers."""
 
 import operator
 import re
@@ -6,20 +6,20 @@ from collections.abc import Iterable
 from difflib import SequenceMatcher
 
 _LONGEST = 200
-"""Longest name that is compared: the time grows with the square of the length."""
+"""Longest name that is compared: the running time grows with the square of the length."""
 _ALIKE = 0.75
-"""Least share of letters that two similar names have in common, in order [1]: a slip in four letters."""
+"""Least similarity ratio (difflib) of names that count as alike [1]: one slip in four letters."""
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Characters that steer a terminal or turn the direction of its text, but for tabs and line breaks."""
+"""Characters that steer a terminal or turn the direction of its text, except tabs and line breaks."""
 _RUNS = 12
-"""Number of runs in a text: about a line of a terminal."""
+"""Most runs of numbers listed in a message: about a line of a terminal."""
 
 
 def nearest(name: str, choices: Iterable[str]) -> str | None:
-    """The choice most similar to a name, or None if none is similar.
+    """The choice most similar to a name; None if none is similar.
 
-    A name that only lacks its namespace means the choice that ends with it. Otherwise what differs after the
-    namespaces that both share counts: `plen:image:bits` is not near `plen:image:fNumbers`.
+    A name that lacks only its namespace matches the choice that ends with it. Otherwise only the part after the common
+    namespaces is compared: `plen:image:bits` is not near `plen:image:fNumbers`.
     """
     choices = sorted(set(choices))
     if within := [choice for choice in choices if choice.endswith((f":{name}", f"/{name}"))]:
@@ -31,7 +31,7 @@ def nearest(name: str, choices: Iterable[str]) -> str | None:
 
 
 def did_you_mean(name: str, choices: Iterable[str]) -> str | None:
-    """A hint for a misspelt name, or None."""
+    """Hint for a misspelt name, or None."""
     best = nearest(name, choices)
     return f'did you mean "{best}"?' if best else None
 
@@ -42,7 +42,7 @@ def printable(text: str) -> str:
 
 
 def for_terminals(text: str) -> str:
-    """A text of any lines with escapes for all that would steer a terminal."""
+    """A text of several lines, with everything that would steer a terminal escaped."""
     return _CONTROL.sub(lambda found: printable(found[0]), text)
 
 
@@ -56,7 +56,7 @@ def human(size: float) -> str:
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """`2-3, 7` for 2, 3 and 7; of very many runs the first ones and the count of all other numbers."""
+    """`2-3, 7` for 2, 3 and 7; beyond a dozen runs the first ones and the count of the remaining numbers."""
     runs: list[list[int]] = []
     for number in sorted(numbers):
         if runs and number == runs[-1][1] + 1:

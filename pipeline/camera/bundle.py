@@ -11,7 +11,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
 from pipeline.camera.tracing.records import Samples, Squares, no_diffraction, room_for
 from pipeline.camera.tracing.sobol import sobol_bits
-from pipeline.records.declared import number, whole
+from pipeline.records.declared import integer, number
 from pipeline.records.shapes import Float64
 
 _FARTHEST_PX = 1 << 23
@@ -60,8 +60,8 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
         number(name, value, CameraError, -_FARTHEST_PX, _FARTHEST_PX)
         for name, value in (("x_px", x_px), ("y_px", y_px))
     )
-    samples = whole("samples", samples, CameraError, 1, _MOST_RAYS)
-    seed = whole("seed", seed, CameraError, 0, _LAST_SEED)
+    samples = integer("samples", samples, CameraError, 1, _MOST_RAYS)
+    seed = integer("seed", seed, CameraError, 0, _LAST_SEED)
     if samples & (samples - 1):
         raise CameraError(f"samples is {samples}", hint=f"a power of two, e.g. {1 << samples.bit_length() - 1}")
     tracer = Tracer(camera, seed)

@@ -1,7 +1,7 @@
 """Canonical bytes of plain values, and the keys made from them.
 
-Every value is a tag, the length of its payload and the payload, so no two different values share their bytes.
-A type without a rule raises: a key must never fall back to pickle, repr() or str().
+Every value is a tag, the length of its payload and the payload, so no two different values share their bytes. A type
+without a rule raises: a key must never fall back to pickle, repr() or str().
 """
 
 import functools
@@ -15,7 +15,7 @@ from typing import Any
 from pipeline.records.plain import Shared
 
 DIGEST = re.compile(r"[0-9a-f]{64}")
-"""Pattern of keys and of names of blobs; paths in the store are built from nothing else."""
+"""Pattern of keys and of blob names; paths in the store are built from nothing else."""
 
 
 def key_of(domain: str, value: Any) -> str:
@@ -24,14 +24,14 @@ def key_of(domain: str, value: Any) -> str:
 
 
 def key_of_bytes(domain: str, value: bytes) -> str:
-    """`key_of` of a value whose canonical bytes are known."""
+    """`key_of` for a value whose canonical bytes are at hand."""
     return hashlib.sha256(_item(b"D", domain.encode()) + value).hexdigest()
 
 
 def canonical(value: Any) -> bytes:
     """Canonical bytes of a value: None, bool, int, float, str, list, dict or `Shared`.
 
-    Floats count by their exact bits; infinity is a value (a plane has an infinite radius), NaN is a ValueError. Any
+    Floats are encoded by their exact bits. Infinity is valid (a plane has an infinite radius), NaN is a ValueError. Any
     other type is a TypeError: NumPy's numbers, dicts whose keys are not strings, and tuples, because another process
     would receive them as lists.
     """

@@ -1,4 +1,4 @@
-"""Events of a build; progress, event files and reports read nothing else."""
+"""Events of a build: the only input of progress, event files and reports."""
 
 import contextlib
 import io
@@ -19,7 +19,7 @@ _HEAD = b'{"event": "'
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """Anything that happens in a build, with its time in seconds since 1970."""
+    """Something that happens in a build, with its time in seconds since 1970."""
 
     name: ClassVar[str]
     time: float = field(default_factory=lambda: round(time.time(), 3))
@@ -31,7 +31,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Begun(Event):
-    """A build begins: kinds of its tasks by name, and number of workers."""
+    """Start of a build: the kind of each task by name, and the number of workers."""
 
     name: ClassVar[str] = "begin"
     tasks: dict[str, str]
@@ -40,7 +40,7 @@ class Begun(Event):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Compiling(Event):
-    """Kernels are compiled: the share that is there, and the time that the others may take [s]."""
+    """Progress of kernel compilation: the share that is done, and the estimated time of the rest [s]."""
 
     name: ClassVar[str] = "compiling"
     share: float
@@ -49,7 +49,7 @@ class Compiling(Event):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Started(Event):
-    """A task was given to a worker."""
+    """A task was handed to a worker."""
 
     name: ClassVar[str] = "started"
     task: str
@@ -73,17 +73,17 @@ class Done(Event):
 
     @property
     def usual_seconds(self) -> float | None:
-        """Time of its run, now or earlier, for estimates [s]."""
+        """Run time of the task, now or earlier, for estimates [s]."""
         return self.result.made_by.seconds if self.result.made_by else None
 
     @property
     def peak_bytes(self) -> int | None:
-        """Peak memory of its process, if it ran now."""
+        """Peak memory of the task's process, if it ran now."""
         return self.result.made_by.peak_bytes if self.result.made_by and self.result.state == "executed" else None
 
     @property
     def news(self) -> str:
-        """Words of the task for people; often none."""
+        """Message of the task for people; often empty."""
         return self.result.made_by.news if self.result.made_by else ""
 
     def to_dict(self) -> Json:
@@ -94,7 +94,7 @@ class Done(Event):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warned(Event):
-    """Something that a user should know."""
+    """A warning for the user."""
 
     name: ClassVar[str] = "warning"
     text: str
@@ -108,7 +108,7 @@ def silent(event: Event) -> None:
 
 
 def warner(on_event: Emit) -> Callable[[str], None]:
-    """A function that turns texts into warnings for a listener."""
+    """A function that sends texts to a listener as warnings."""
     return lambda text: on_event(Warned(text=text))
 
 
@@ -123,7 +123,7 @@ def fan_out(listeners: Sequence[Emit]) -> Emit:
 
 
 class EventFile:
-    """A file with a line per event, made by the first one; UsageError if the path holds some other file."""
+    """A file with a line per event, created by the first one; UsageError if the path holds some other file."""
 
     def __init__(self, path: Path) -> None:
         # Nothing can be overwritten in a pipe or on a terminal.

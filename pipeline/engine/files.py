@@ -32,7 +32,7 @@ def signature(facts: os.stat_result) -> Signature:
 
 def nearest_existing(path: Path) -> Path:
     """The path, or the nearest folder above it that exists."""
-    return next(place for place in (path.absolute(), *path.absolute().parents) if place.exists())
+    return next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
 
 
 def is_machines_fault(error: BaseException) -> bool:
@@ -42,7 +42,7 @@ def is_machines_fault(error: BaseException) -> bool:
 
 @contextlib.contextmanager
 def machine_errors(doing: str, folder: Path, *, needed: Callable[[], int] | None = None) -> Iterator[None]:
-    """Turn a full disk or read-only folder into an `EnvironmentFault`; `needed` is then asked for the least bytes."""
+    """Turn a full disk or read-only folder into an `EnvironmentFault`, which states the bytes that `needed` returns."""
     try:
         yield
     except OSError as error:
@@ -58,7 +58,7 @@ def machine_errors(doing: str, folder: Path, *, needed: Callable[[], int] | None
 
 @contextlib.contextmanager
 def chosen_place(doing: str, path: Path) -> Iterator[None]:
-    """Do the same as `machine_errors` for a path chosen by the user, whose folder may not exist."""
+    """`machine_errors` for a path that the user chose, whose folder may not exist."""
     try:
         with machine_errors(doing, path):
             yield
@@ -67,7 +67,7 @@ def chosen_place(doing: str, path: Path) -> Iterator[None]:
 
 
 def open_regular(path: Path | str) -> BufferedReader:
-    """Open a plain file for reading; OSError if it is anything else. No link is followed, and a FIFO does not block."""
+    """Open a plain file for reading; OSError for anything else. No link is followed, and a FIFO does not block."""
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     if stat.S_ISREG(os.fstat(handle).st_mode):
         return os.fdopen(handle, "rb")
@@ -76,7 +76,7 @@ def open_regular(path: Path | str) -> BufferedReader:
 
 
 def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
-    """All bytes of a plain file; None if it is anything else, unreadable, or larger than `most` bytes."""
+    """All bytes of a plain file; None for anything else, an unreadable file, or one larger than `most` bytes."""
     with contextlib.suppress(OSError), open_regular(path) as stream:
         data = stream.read() if most is None else stream.read(most + 1)
         return data if most is None or len(data) <= most else None
@@ -84,7 +84,7 @@ def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
 
 
 def digest_of(path: Path | str) -> str | None:
-    """sha256 of a plain file, read in pieces; None if it is anything else, or unreadable."""
+    """sha256 of a plain file, read in chunks; None for anything else, or an unreadable file."""
     with contextlib.suppress(OSError), open_regular(path) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
     return None
@@ -112,7 +112,7 @@ def is_unreadable(path: Path | str) -> bool:
 
 
 def copy(source: Path, target: Path) -> None:
-    """Copy a file, sharing blocks if possible. It is never a hard link, so no edit reaches the source."""
+    """Copy a file, sharing blocks if possible. The copy is never a hard link, so no edit of it reaches the source."""
     with source.open("rb") as reader, target.open("xb") as writer:
         with contextlib.suppress(OSError):
             fcntl.ioctl(writer.fileno(), _FICLONE, reader.fileno())

@@ -1,4 +1,4 @@
-"""Ctrl-C during a build. SIGTERM and SIGHUP end the process at once: nothing half done is visible in the store."""
+"""Ctrl-C during a build. SIGTERM and SIGHUP end the process at once: the store never shows unfinished work."""
 
 import contextlib
 import os
@@ -13,11 +13,11 @@ _SHOW_CURSOR = b"\x1b[?25h"
 
 
 class Interrupts:
-    """While this context is open, it answers the first Ctrl-C; the next ones go to whoever had the signal before.
+    """Context that catches the first Ctrl-C; further ones go to the previous handler.
 
-    That is the operating system in a command, which ends the process, and Python in a notebook. A Ctrl-C that this
-    process was told to ignore, as behind a shell's `&`, is ignored. `arrived` tells whether Ctrl-C was pressed; it is
-    only noted while `is_patient`, because running tasks may end.
+    For a command that is the operating system, which ends the process; in a notebook it is Python. A Ctrl-C that this
+    process was told to ignore, as behind a shell's `&`, is ignored. `arrived` tells whether Ctrl-C was pressed. While
+    `is_patient`, it is only noted, because running tasks may finish.
     """
 
     def __init__(self, notice: Callable[[str], None] = lambda text: None) -> None:
@@ -39,7 +39,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
-        """A context that Ctrl-C ends at once, unless tasks are running. Outside it Ctrl-C is only noted."""
+        """Context that Ctrl-C ends at once unless tasks are running. Outside it Ctrl-C is only noted."""
         try:
             self._may_stop = True
             yield

@@ -1,6 +1,6 @@
 """File locks of the operating system: they end with the process that holds them, even if it is killed.
 
-They only save work: a process without the lock computes the same bytes once more. The holder writes its name into the
+Locks only save work: a process without the lock computes the same bytes once more. The holder writes its name into the
 lock file, and a waiting process reports it.
 """
 
@@ -47,8 +47,8 @@ def locked(
 ) -> Iterator[bool]:
     """Hold the lock of a folder, or of a file, which is created; yields False after the timeout or without locks.
 
-    `doing` follows "which" in what waiting processes report, as in `makes rays/Left`. While this process waits, `say`
-    is called with a sentence about the holder after a second, and again every minute.
+    `doing` completes the report of waiting processes, as in `makes rays/Left`. While this process waits, `say` receives
+    a sentence about the holder after a second, and again every minute.
     """
     try:
         handle = _opened(path)
@@ -82,7 +82,7 @@ def _opened(path: Path) -> int:
 
 
 def _sign(handle: int, doing: str) -> None:
-    """Write the holder into a lock file, unless it is a folder, belongs to another user, or has several names."""
+    """Write the holder into a lock file, unless it is a folder, belongs to another user, or has several hard links."""
     facts = os.fstat(handle)
     if not stat.S_ISREG(facts.st_mode) or facts.st_nlink != 1:
         return

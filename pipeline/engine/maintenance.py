@@ -1,6 +1,6 @@
-"""Care of a store: counting its content, and removing the least recently used results.
+"""Maintenance of a store: counting its content, and removing the least recently used results.
 
-Nothing here can make a result wrong: a removed entry is a miss afterwards, and is computed again.
+No removal can make a result wrong: a removed entry is a miss afterwards, and is computed again.
 """
 
 import os
@@ -18,14 +18,14 @@ from pipeline.errors import EnvironmentFault, UsageError
 
 DEFAULT_LIMIT = 50 * 10**9
 """Size beyond which the collector removes the least recently used results [bytes], unless $PIPELINE_CACHE_SIZE is set.
-It is a choice: a small part of a disk of today.
+It is a choice: a small part of a present-day disk.
 """
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inventory:
-    """Numbers and sizes [bytes] of entries of a store; pinned are blobs of builds whose output folders are there."""
+    """Numbers and sizes [bytes] of store entries; pinned blobs belong to builds whose output folders still exist."""
 
     records: int
     blobs: int
@@ -36,7 +36,9 @@ class Inventory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collected:
-    """Entries that a collection removed or would remove, with sizes [bytes]. `busy`: it had to leave all to a build."""
+    """Entries that a collection removed or would remove, with sizes [bytes]. `busy`: a build kept it from
+    removing any.
+    """
 
     records: int
     blobs: int
@@ -53,7 +55,7 @@ def limit_from_environment() -> int:
 
 
 def bytes_of(text: str, setting: str) -> int:
-    """Bytes of a setting such as `1.5G`, `500 MB` or `1000`; units are powers of ten."""
+    """Bytes in a setting such as `1.5G`, `500 MB` or `1000`; units are powers of ten."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*([kmgt]?)b?\s*", text.lower())
     if match is None:
         raise UsageError(f"{setting}: {text!r} is not a size", hint="write for example 500M or 50G")
@@ -61,7 +63,7 @@ def bytes_of(text: str, setting: str) -> int:
 
 
 def info(store: Store) -> Inventory:
-    """Count the content of a store."""
+    """Inventory of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     pinned = filter(None, map(store.peek, pinned_keys(store)))
     kept = {blob.sha256 for record in pinned for blob in record.outputs.values()}
@@ -78,7 +80,7 @@ def collect(store: Store, limit_bytes: int, *, dry_run: bool = False, wait_s: fl
     """Remove the least recently used results until the blobs fit into the limit, and all blobs without a record.
 
     Records are removed before blobs, so a killed collector leaves no record of a missing blob. The order of use comes
-    from the times of the record files, which are never compared with a clock. Pinned results are kept in any case.
+    from the times of the record files, which are never compared with a clock. Pinned results are always kept.
     """
     with locked(store.root / "gc.lock", timeout_s=wait_s, doing="collects what is not used") as held:
         if not held and not dry_run:
@@ -115,7 +117,7 @@ def pinned_keys(store: Store) -> set[str]:
 
 
 def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
-    """Keys and blobs to keep: pinned ones, then the most recently used as long as there is room."""
+    """Keys and blobs to keep: the pinned ones, then the most recently used as long as there is room."""
     pinned = pinned_keys(store)
     by_use = sorted(
         store.entries("record"), key=lambda entry: (entry[0] in pinned, entry[1].st_mtime_ns, entry[0]), reverse=True
@@ -141,7 +143,7 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
 
 
 def _remove(store: Store, records: list[str], blobs: list[str]) -> None:
-    """Remove entries, with what belongs to their records, and what dead processes left."""
+    """Remove entries, the files that belong to their records, and leftovers of dead processes."""
     tables = {"record": records, "blob": blobs, "log": records, "spec": records, "lock": records}
     for path in (store.path(table, name) for table, names in tables.items() for name in names):
         try:

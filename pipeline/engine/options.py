@@ -9,7 +9,7 @@ from typing import TypedDict
 from pipeline.engine.events import Emit, silent
 from pipeline.engine.interrupts import Interrupts
 from pipeline.errors import UsageError
-from pipeline.records.declared import number, settle, whole
+from pipeline.records.declared import integer, number, settle
 
 _MOST = 10_000
 """Most workers, and most tries of a task: a larger number is surely a typing error."""
@@ -21,21 +21,23 @@ _SHORTEST_S = 1e-3
 class BuildOptions:
     """Options of a build; UsageError if a value has the wrong type or is out of range.
 
-    `jobs`: number of worker processes; None: one per core. With 1 tasks run in this process, unless there is a timeout
+    `jobs`: number of worker processes; None: one per core. With 1, tasks run in this process, unless there is a timeout
     or NumPy was loaded before `pipeline`: then there is one worker.
     `keep_going`: continue after a failure with tasks that do not need the failed one.
-    `force`, `until`: tasks (names, patterns, or paths of files in the output folder) that run in any case, and that are
-    the last to run. If only a part of the dataset is computed, the output folder is not touched.
-    `targets`: the same kinds of names, or files that no task makes: only what they need runs, and only their files are
+    `force`, `until`: tasks (names, patterns, or paths of files in the output folder) that always run, and tasks after
+    which the build stops. If only a part of the dataset is computed, the output folder is not touched.
+    `targets`: names as above, or files that no task makes: only the tasks that they need run, and only their files are
     delivered.
-    `retries`: number of times that a failed task is tried again. One whose worker died is always tried a few times.
+    `retries`: number of times that a failed task is tried again. A task whose worker died is always retried a few
+    times.
     `timeout_s`: time limit of a task [s]; a task that takes longer fails.
     `check_percent`: share of the tasks that run a second time to compare their bytes [%].
     `engine`: `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
-    `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; `graph.variants`.
+    `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; see
+    `graph.variants`.
     `allow_roots`: further folders that the stage may reference.
     `preview`: make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
-    `pictures`: make images and maps of the cameras, too, beside tables and records.
+    `pictures`: make images and maps of the cameras besides tables and records.
     """
 
     jobs: int | None = None
@@ -54,14 +56,14 @@ class BuildOptions:
 
     def __post_init__(self) -> None:
         settle(self, UsageError)
-        whole("jobs", 1 if self.jobs is None else self.jobs, UsageError, 1, _MOST)
-        whole("retries", self.retries, UsageError, 0, _MOST)
+        integer("jobs", 1 if self.jobs is None else self.jobs, UsageError, 1, _MOST)
+        integer("retries", self.retries, UsageError, 0, _MOST)
         number("timeout_s", 1.0 if self.timeout_s is None else self.timeout_s, UsageError, _SHORTEST_S)
         number("check_percent", self.check_percent, UsageError, 0.0, 100.0)
 
     @property
     def workers(self) -> int:
-        """Number of workers: as asked for, or one per core that this process may use, often not all."""
+        """Number of workers: as requested, or one per core that this process may use."""
         if self.jobs is not None:
             return self.jobs
         # Not every system tells which cores a process may use.
@@ -69,7 +71,7 @@ class BuildOptions:
 
 
 class BuildKeywords(TypedDict, total=False):
-    """Fields of `BuildOptions` as arguments, for type checkers and completion."""
+    """Fields of `BuildOptions` as keyword arguments, for type checkers and completion."""
 
     jobs: int | None
     keep_going: bool
@@ -96,9 +98,9 @@ class Caller:
     """The caller's part of a run.
 
     `on_event` is its listener. `prepare` is called once in this process before the first task runs, and not if no task
-    runs; signals stop it at once. `interrupts` are open ones of a caller that does further work which signals may end.
-    `peaks` is the peak memory of earlier tasks by kind [bytes]: only as many run together as fit. `places` are those of
-    the project. `folder` is its output folder, for tasks that read it.
+    runs; signals stop it at once. `interrupts` are the open ones of a caller whose own later work signals may end.
+    `peaks` is the peak memory of earlier tasks by kind [bytes]: only tasks that fit together run together. `places` are
+    those of the project. `folder` is its output folder, for tasks that read it.
     """
 
     on_event: Emit = silent

@@ -16,13 +16,13 @@ from pipeline.errors import UsageError
 class Project:
     """A graph and the destination of its results.
 
-    `files`: posix path below the output folder `out` -> bytes, or (task name, output name).
+    `files`: POSIX path below the output folder `out` -> bytes, or (task name, output name).
     `head`: further facts for the manifest, beside format, tasks and files; `head["stage"]` names the stage without a
     path of this machine.
     `stage_id`: identity of the stage. `plan` compares with the last build of the same stage into the same folder.
     `findings`: facts that are added to the head when the tasks are done: key -> name -> (task, output), a JSON file.
     `reads`: files from which the project was read; the output folder must not hold them.
-    `places`: second part of task names, such as the camera in `truth/Left/0001` -> its place in the stage.
+    `places`: second part of task names, such as the camera in `truth/Left/0001` -> its location in the stage.
     `source`: plain data from which the project was read; the store keeps it for `app.why`, unless it is None.
     """
 
@@ -38,12 +38,12 @@ class Project:
 
 
 def files_of(project: Project, target: str) -> list[str]:
-    """Files of the output folder that match a target; for tasks all files that they make, possibly none."""
+    """Files of the output folder that match a target; for tasks, all files that they make, possibly none."""
     return _meant(project, target)[0]
 
 
 def tasks_of(project: Project, target: str) -> list[str]:
-    """Tasks that match a target; UsageError if none does, or if it means files written from the stage itself."""
+    """Tasks that match a target; UsageError if none does, or if the target is a file written from the stage itself."""
     files, tasks = _meant(project, target)
     if not tasks:
         raise UsageError(f"{files[0]} is written from the stage itself, no task makes it")
@@ -68,8 +68,8 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
     """
-    place, out = Path(target), project.out.absolute() if Path(target).is_absolute() else project.out
-    path = (place.relative_to(out) if place.is_relative_to(out) else place).as_posix()
+    given, out = Path(target), project.out.absolute() if Path(target).is_absolute() else project.out
+    path = (given.relative_to(out) if given.is_relative_to(out) else given).as_posix()
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
     if not files:
         try:

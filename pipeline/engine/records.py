@@ -1,4 +1,4 @@
-"""Records of the engine: what it passes to other processes and keeps in the store.
+"""Records of the engine: the data that it passes to other processes and keeps in the store.
 
 They are JSON only at these two borders: `as_json` writes any of them, `records.plain.from_plain` reads it.
 """
@@ -14,7 +14,7 @@ KEY_DOMAIN = "task/v1"
 """Domain of the keys of tasks."""
 
 _TRAILER = b"\n#sha256="
-"""Begin of the last line of a sealed file."""
+"""Beginning of the last line of a sealed file."""
 
 Params = dict[str, Any]
 """Plain parameters of a task, as `records.plain.to_plain` makes them."""
@@ -22,7 +22,7 @@ Params = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Blob:
-    """Some bytes in the store, by their digest and number."""
+    """Bytes in the store, by their digest and number."""
 
     sha256: str
     size: int
@@ -32,8 +32,8 @@ class Blob:
 class Components:
     """All parts of the key of a task; kept in its record, so that a rerun can be explained.
 
-    `code` is the fingerprint of its module and all that this imports of its own package; `libraries` are versions and
-    `machine` facts by name; `inputs` are digests by role and name of an output.
+    `code` is the fingerprint of its module and of everything that it imports from its own package; `libraries` are
+    versions and `machine` facts by name; `inputs` are digests by role and name of an output.
     """
 
     kind: str
@@ -54,10 +54,10 @@ class Components:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """The run that made a record: times [s] by the clock, of the processor, and of it for loading or compiling code.
+    """The run that made a record: wall time, processor time, and the part of it spent loading or compiling code [s].
 
-    `kernels` holds the fields of `jit.work.KernelWork` that are not 0, by name of the kernel; `news` are a few words of
-    the task to whoever watches the build, and each build repeats its `warning`.
+    `kernels` holds the nonzero fields of `jit.work.KernelWork` by name of the kernel. `news` is a short message of the
+    task to the user who watches the build. Each build repeats its `warning`.
     """
 
     seconds: float = 0.0
@@ -79,7 +79,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Record:
-    """The result of a task: its outputs by name, and what made them."""
+    """The result of a task: its outputs by name, and the run that made them."""
 
     key: str
     outputs: dict[str, Blob]
@@ -88,7 +88,7 @@ class Record:
 
     @property
     def is_sound(self) -> bool:
-        """Whether digests and numbers of bytes are such; to be asked of records that were read."""
+        """Whether all digests and sizes are well-formed; to be checked for records that were read."""
         sizes = [self.made_by.peak_bytes, *(blob.size for blob in self.outputs.values())]
         digests = [blob.sha256 for blob in self.outputs.values()]
         return {*map(type, sizes)} == {int} and all(map(DIGEST.fullmatch, digests))
@@ -110,11 +110,11 @@ class Spec:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reply:
-    """The end of a task, or news of one, that was given to an engine.
+    """An engine's reply about a task: its end, or news of it.
 
     Its state is executed, cached, failed, or lost, if its worker died; begun and waiting announce that it has or lacks
-    its lock. `differs` are outputs that are not what the store already had for the key. `machine` and `memory`: not the
-    task is to blame. `damaged`: an input was found damaged, or was written to while the task used it.
+    its lock. `differs` lists outputs whose bytes differ from those that the store already had for the key. `machine`,
+    `memory`: the task is not to blame. `damaged`: an input was damaged, or was written to while the task used it.
     """
 
     name: str
@@ -135,9 +135,9 @@ class TaskResult:
     """The end of a task.
 
     Its state is executed, cached (or computed meanwhile by another builder), failed or skipped; `seconds` is the wall
-    time spent now. The key is None if it was skipped before its inputs were known. A failed one may have failed because
-    of the `machine` (disk full, …), and has the `place` of its subject in the stage, and the file `spec` from which
-    `pipeline run-task` repeats it. `differs` are outputs that differ from earlier ones with the same key.
+    time spent now. The key is None if it was skipped before its inputs were available. A failed task may have failed
+    because of the `machine` (disk full, …); `place` is the location of its subject in the stage, and `spec` the file
+    from which `pipeline run-task` repeats it. `differs` lists outputs that differ from earlier ones with the same key.
     """
 
     name: str

@@ -1,7 +1,8 @@
 """Cryptomatte: ids of names as OpenEXR channels hold them, and the attributes that readers look for.
 
-Friedman and Jones, "Fully automatic ID mattes with support for motion blur and transparency", SIGGRAPH 2015 posters;
-the specification 1.2.0 of https://github.com/Psyop/Cryptomatte. The hash is MurmurHash3_x86_32 by Austin Appleby.
+Source: Friedman and Jones, "Fully automatic ID mattes with support for motion blur and transparency", SIGGRAPH 2015
+posters; the specification 1.2.0 of https://github.com/Psyop/Cryptomatte. The hash is MurmurHash3_x86_32 by Austin
+Appleby.
 """
 
 import json
@@ -9,7 +10,7 @@ import json
 import numpy as np
 
 _BITS = 0xFFFFFFFF
-"""Bits of a number that count: it has 32."""
+"""Mask of 32 bits."""
 
 
 def murmur3(data: bytes) -> int:
@@ -27,7 +28,7 @@ def murmur3(data: bytes) -> int:
 
 
 def id_of(name: str) -> np.float32:
-    """The id of a name as single precision: the bits of its hash, changed where these were no ordinary number."""
+    """The id of a name as single precision: the bits of its hash, changed where they would be no normal number."""
     bits = murmur3(name.encode())
     if bits >> 23 & 255 in (0, 255):
         bits ^= 1 << 23
@@ -35,7 +36,7 @@ def id_of(name: str) -> np.float32:
 
 
 def attributes_of(matte: str, names: list[str]) -> dict[str, str]:
-    """Attributes of a part with the channels of a matte: its name, rules of conversion, and all names with ids."""
+    """Attributes of a part that holds a matte: its name, the hash and conversion, and all names with ids."""
     key = f"cryptomatte/{murmur3(matte.encode()) >> 4:07x}"
     manifest = {name: f"{int(id_of(name).view(np.uint32)):08x}" for name in sorted(set(names))}
     return {

@@ -1,7 +1,7 @@
-"""Drawings that a user asks for by name, as SVG or PDF; other files with that name are not overwritten.
+"""Drawings under a name that the user chose, as SVG or PDF; foreign files of that name are not overwritten.
 
-A page of PDF 1.4 (ISO 32000-1) has filled paths and lines of Helvetica, nothing else, and the same pages give the same
-bytes. The viewer preference `PrintScaling` asks for prints at 100 %.
+A page of PDF 1.4 (ISO 32000-1) holds only filled paths and lines of Helvetica, and equal pages give equal bytes. The
+viewer preference `PrintScaling` asks for prints at 100 %.
 """
 
 import os
@@ -12,7 +12,7 @@ from pipeline.errors import UsageError
 from pipeline.folders import put
 
 SAYS = "drawn by pipeline"
-"""Text in a comment of every drawing, by which it is recognised as replaceable."""
+"""Text in a comment of every drawing that marks it as ours, and replaceable."""
 _POINTS_PER_MM = 72 / 25.4
 """Unit of a page: 72 points are an inch."""
 

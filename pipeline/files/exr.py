@@ -6,7 +6,7 @@ The Python binding can lose data silently; this module prevents that:
 - Float attributes shrink to float32 and integers beyond 32 bits become 0. Numbers in headers are `repr` strings.
 - It reports a full disk only in the text of a message.
 - It only warns when pixels cannot be decoded, and drops the parts that a truncated file lacks. Every part carries the
-  CRC-32 of its content and the number of parts, and what does not match is refused.
+  CRC-32 of its content and the number of parts; a mismatch is refused.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ import OpenEXR
 from pipeline.files.damaged import MAX_COMPRESSION_RATIO, DamagedFile
 
 TILE_PX = 128
-"""Edge of a tile [px], 64 KiB per channel: large enough to compress well, small beside the part of an image that a
+"""Edge of a tile [px], 64 KiB per channel: large enough to compress well, small against the part of an image that a
 viewer shows.
 """
 
@@ -35,11 +35,11 @@ viewer shows.
 _COMPRESSION = OpenEXR.ZIP_COMPRESSION
 
 _IN_CALLING_THREAD = 0
-"""Number of further threads that encode: more are not faster at our sizes, and workers share the machine."""
+"""Number of further encoding threads: more are not faster at our sizes, and workers share the machine."""
 
 CRC, PART_COUNT = "content_crc32", "part_count"
 PRIMARIES_XY = "primaries_xy"
-"""Attribute with x and y of red, green, blue and white; viewers look for it in `chromaticities`, single precision."""
+"""Attribute with x and y of red, green, blue and white; viewers read `chromaticities`, of single precision."""
 
 _STRUCTURE = {"channels", "chunkCount", "compression", "lineOrder", "name", "tiles", "type", "version", "view"}
 _GEOMETRY = {"dataWindow", "displayWindow", "pixelAspectRatio", "screenWindowCenter", "screenWindowWidth"}
@@ -71,7 +71,7 @@ class Part:
 
 
 def write_exr(path: str | Path, parts: list[Part]) -> None:
-    """Write parts, which may differ in size, to a file of any name in a folder that exists. Same parts, same bytes."""
+    """Write parts, which may differ in size, to a file in an existing folder. Equal parts give equal bytes."""
     names = [part.name for part in parts]
     if not names or len(set(names)) != len(names):
         raise ValueError(f"{path}: an EXR file needs parts with different names, not {names}")
@@ -91,7 +91,7 @@ def write_exr(path: str | Path, parts: list[Part]) -> None:
 
 
 def read_exr(path: str | Path) -> dict[str, Part]:
-    """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if it is cut, altered or not of it."""
+    """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if truncated, altered or foreign."""
     path, parts = Path(path), dict[str, Part]()
     file = _opened(path)
     for part in file.parts:
@@ -105,7 +105,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 
 
 def texts_of(path: str | Path, part: str) -> dict[str, str]:
-    """Attributes of a part of a file of ours that are text."""
+    """Text attributes of a part of a file of ours."""
     headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
     return next(_texts(each) for each in headers.parts if each.header["name"] == part)
 
@@ -115,7 +115,7 @@ def _texts(part: OpenEXR.Part) -> dict[str, str]:
 
 
 def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> dict[str, np.ndarray]:
-    """Channels (h, w) of the first part of a file of any program, by name; `require_few` may refuse the count of all.
+    """Channels (h, w) of the first part of a file of any program, by name; `require_few` may refuse their total count.
 
     Raises DamagedFile: it is no OpenEXR file, its size is implausible, or its channels differ in size.
     """
@@ -127,7 +127,7 @@ def read_foreign_exr(path: str | Path, require_few: Callable[[int], None]) -> di
 
 
 def _opened(path: Path, require_few: Callable[[int], None] = lambda values: None) -> OpenEXR.File:
-    """A file with the pixels of all parts; DamagedFile: it is none, is cut, or its size is implausible."""
+    """A file with the pixels of all parts; DamagedFile if it is no OpenEXR file, truncated, or of implausible size."""
     with path.open("rb"):
         pass  # a file that is not there is no damage
     try:
@@ -150,7 +150,7 @@ def _opened(path: Path, require_few: Callable[[int], None] = lambda values: None
 
 
 def _values(part: OpenEXR.Part) -> int:
-    """Count of the numbers of a part, or of one of its tiles if these are larger, by its header."""
+    """Count of the numbers in a part, or in one of its tiles if these are larger, by its header."""
     first, last = part.header["dataWindow"]
     extent, tiles = last.astype(np.int64) - first + 1, part.header.get("tiles")
     of_tile = tiles.xSize * tiles.ySize if tiles else 0

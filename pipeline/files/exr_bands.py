@@ -1,12 +1,12 @@
 """OpenEXR files larger than memory, written band by band.
 
-OpenEXR's binding takes whole files only. So its own encoder makes a file of each band, and the compressed
-tiles of these are strung together: the same bytes as `exr.write_exr` writes, whatever the height of a band. Headers
-are the binding's, too, of parts of one pixel, with other windows. Only the container is ours: headers, tables of
-offsets and chunks, as in https://openexr.com/en/latest/OpenEXRFileLayout.html; all numbers are little-endian.
+OpenEXR's binding takes whole files only. So its own encoder makes a file of each band, and their compressed tiles are
+strung together: the bytes are those of `exr.write_exr`, whatever the height of a band. Headers, too, are the binding's,
+of one-pixel parts, with other windows. Only the container is ours: headers, tables of offsets and chunks, as in
+https://openexr.com/en/latest/OpenEXRFileLayout.html; all numbers are little-endian.
 
-OpenImageIO 3.2 writes bands, too, but the time of day into each header, so that no two files are alike; it stays a
-referee.
+OpenImageIO 3.2 writes bands, too, but also the time of day into each header, so that no two files are alike; tests use
+it as a referee.
 """
 
 import io
@@ -25,14 +25,15 @@ MAGIC, MULTIPART = b"v/1\x01", 0x1000
 _LONGEST = 1 << 20
 """Longest header [bytes]: ours have a few hundred."""
 Rows = Callable[[int, int], np.ndarray]
-"""First and end row to pixels (rows, w, channels), or (rows, w) of one channel."""
+"""Function from first and end row to pixels (rows, w, channels), or (rows, w) for one channel."""
 _BAND_PX = 1 << 20
-"""Pixels of a band: 4 MB a channel, and what makes them takes some hundred bytes a pixel. A band of an image that is
-wider than 8,192 pixels is one row of tiles."""
+"""Pixels of a band: 4 MB per channel, and computing them takes some hundred bytes per pixel. A band of an image wider
+than 8,192 pixels is one row of tiles.
+"""
 _PROBED_BYTES = 1 << 16
 """Size of a test write [bytes] that shows whether the disk is full."""
 _POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
-"""x^32 less its remainder; x^0; x^8."""
+"""CRC-32 (ISO-HDLC) arithmetic over GF(2), bit-reversed: x^32 reduced by the generator polynomial; x^0; x^8."""
 
 
 class UnknownLayout(ValueError):
@@ -47,7 +48,7 @@ class Header:
 
     @property
     def texts(self) -> dict[str, str]:
-        """Attributes that are text."""
+        """Text attributes."""
         return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
 
     @property
@@ -60,7 +61,7 @@ class Header:
 
     @property
     def tile_px(self) -> int:
-        """Edge of its square tiles."""
+        """Edge of the square tiles."""
         across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
         if across != down or not 0 < across <= 1 << 12:
             raise UnknownLayout(f"tiles of {across} x {down} pixels")
@@ -120,7 +121,7 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
 
 
 def tile_at(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
-    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a file of one."""
+    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a single-part file."""
     stream.seek(offset)
     stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
     column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
@@ -130,7 +131,7 @@ def tile_at(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int,
 
 
 def _box(shape: tuple[int, int]) -> bytes:
-    """A window from (0, 0) with a number of rows and columns, as bytes."""
+    """A window from (0, 0) with this number of rows and columns, as bytes."""
     return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
 
 
@@ -156,7 +157,7 @@ class BandedPart:
 
 
 def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
-    """Write the file that `exr.write_exr` writes of the same parts, with one band of a part in memory."""
+    """Write the file that `exr.write_exr` writes for the same parts, with one band of a part in memory."""
     path = Path(path)
     band_file = path.with_name(f"{path.name}.band")
     try:
@@ -184,7 +185,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
 
 
 def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
-    """Headers of the whole file; the checksums are those of something else."""
+    """Headers of the complete file; their checksums are placeholders."""
     pixel = np.zeros((1, 1), np.float32)
     small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
     write_exr(scratch, small)
@@ -198,7 +199,7 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
 
 
 def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
-    """First row and pixels of each band; its height is whole tiles."""
+    """First row and pixels of each band, whose height is a multiple of the tile size."""
     height, width = part.shape
     rows = TILE_PX * max(1, _BAND_PX // (TILE_PX * width))
     for first in range(0, height, rows):
@@ -223,17 +224,17 @@ def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, pa
 
 
 def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> bytes:
-    """The checksum of `exr`, of the channels one after the other, from that of each."""
+    """The checksum of `exr`, over the channels one after the other, from the checksum of each."""
     texts = sorted((name, text) for name, text in header.texts.items() if name not in RESERVED)
-    whole = zlib.crc32(repr((part.name, texts)).encode())
+    checksum = zlib.crc32(repr((part.name, texts)).encode())
     for channel, crc in crcs.items():
-        whole = zlib.crc32(f"{channel} {part.shape}".encode(), whole)
-        whole = _joined(whole, crc, 4 * part.shape[0] * part.shape[1])
-    return f"{whole:08x}".encode()
+        checksum = zlib.crc32(f"{channel} {part.shape}".encode(), checksum)
+        checksum = _joined(checksum, crc, 4 * part.shape[0] * part.shape[1])
+    return f"{checksum:08x}".encode()
 
 
 def _joined(first: int, second: int, second_bytes: int) -> int:
-    """CRC-32 of two pieces together, from that of each alone and the length of the second."""
+    """CRC-32 of two concatenated pieces, from their CRCs and the length of the second."""
     shift, power = _ONE, _BYTE
     while second_bytes:
         if second_bytes & 1:
@@ -243,7 +244,7 @@ def _joined(first: int, second: int, second_bytes: int) -> int:
 
 
 def _product(a: int, b: int) -> int:
-    """Product of two remainders."""
+    """Product of two polynomials over GF(2), reduced by the generator of CRC-32."""
     result = 0
     for bit in range(31, -1, -1):
         if a >> bit & 1:

@@ -17,7 +17,7 @@ def write_json(path: str | Path, obj: Any) -> None:
     """Write plain values, UTF-8, with a final line feed.
 
     Floats are written by `repr`; infinities as the strings "inf" and "-inf", which `float` reads, because JSON has no
-    word for them; NaN and other types than plain ones and arrays are refused with the place where they stand.
+    word for them. NaN, and types other than plain ones and arrays, are refused; the error names their location.
     """
     Path(path).write_bytes(json_bytes(obj))
 
@@ -56,7 +56,7 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
 def read_json(path: str | Path) -> Any:
     """Read a JSON file. Infinities remain the strings that `write_json` made of them.
 
-    Raises DamagedFile: if it is not JSON in UTF-8; bare NaN and Infinity are not JSON.
+    Raises DamagedFile: it is not JSON in UTF-8; bare NaN and Infinity are not JSON.
     """
     try:
         return json.loads(Path(path).read_bytes().decode(), parse_constant=_refuse_constant)

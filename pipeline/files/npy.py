@@ -13,11 +13,11 @@ from numpy.lib import format as npy
 from pipeline.files.damaged import DamagedFile
 
 _HEADER_BYTES = 4096
-"""Longest header of a file [bytes]: that of a plain array has 128; it is parsed as Python."""
+"""Longest header of a file [bytes]: that of a plain array has 128. NumPy parses it as Python."""
 
 
 def write_npy(path: str | Path, array: np.ndarray) -> None:
-    """Write an array of numbers; `np.save` would report a full disk only by the number of bytes written."""
+    """Write an array of numbers. `np.save` would report a full disk only by the number of bytes written."""
     rows_first = np.ascontiguousarray(array)
     with Path(path).open("wb") as stream:
         npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows_first))
@@ -25,7 +25,7 @@ def write_npy(path: str | Path, array: np.ndarray) -> None:
 
 
 def append_npy(path: Path, rows: np.ndarray, count: Callable[[], int]) -> None:
-    """Append rows to a file of an array that has `count()` of them in the end; the first call makes it."""
+    """Append rows to a file whose array will have `count()` rows in the end; the first call creates it."""
     if not path.exists():
         head = {"descr": npy.dtype_to_descr(rows.dtype), "fortran_order": False, "shape": (count(), *rows.shape[1:])}
         with path.open("wb") as stream:
@@ -37,8 +37,8 @@ def append_npy(path: Path, rows: np.ndarray, count: Callable[[], int]) -> None:
 def read_npy(path: str | Path) -> np.ndarray:
     """Read an array of numbers. The size in the header is compared with that of the file before memory is allocated.
 
-    Raises DamagedFile: if it is not an .npy file, holds objects (which would be a pickle), or not as many bytes as its
-        header says.
+    Raises DamagedFile: it is not an .npy file, holds objects (which would be a pickle), or has not as many bytes as its
+        header states.
     """
     with Path(path).open("rb") as stream:
         _header(stream, Path(path))
@@ -46,7 +46,7 @@ def read_npy(path: str | Path) -> np.ndarray:
 
 
 class StackedRows:
-    """Arrays in files of `write_npy`, alike but for their number of rows, read as one; DamagedFile as of `read_npy`."""
+    """Arrays in files of `write_npy`, alike but for their number of rows, read as one; raises as `read_npy`."""
 
     def __init__(self, paths: list[Path]) -> None:
         self._paths = paths
@@ -58,7 +58,7 @@ class StackedRows:
         self.shape = int(self._edges[-1]), *shapes[0][1:]
 
     def rows(self, first: int, end: int) -> np.ndarray:
-        """The rows [first, end) of all of them."""
+        """The rows [first, end) of the stack."""
         pieces = []
         for path, above, below in zip(self._paths, self._edges, self._edges[1:], strict=False):
             low, high = max(first, above), min(end, below)

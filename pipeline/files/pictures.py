@@ -1,4 +1,4 @@
-"""Pictures of other programs, for surfaces and skies: those that USD's own reader reads, as linear numbers."""
+"""Pictures of other programs, for surfaces and skies: the formats of USD's own reader, decoded to linear numbers."""
 
 import io
 import re
@@ -14,14 +14,14 @@ from pipeline.files.exr import read_foreign_exr
 from pipeline.limits import how_to_raise, limits
 
 _FORMATS = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG", ".tga": "TGA", ".bmp": "BMP"}
-"""Formats of Pillow, by the end of the name of a file."""
+"""Pillow's formats by file extension."""
 SUFFIXES = (*_FORMATS, ".exr", ".hdr")
-"""Ends of the names of files that are read."""
+"""Readable file extensions."""
 _HDR_SIZE = re.compile(rb"\n[-+]Y (\d{1,9}) [-+]X (\d{1,9})\n")
 _BLACK_LEVEL, _SLOPE, _OFFSET, _POWER = 0.04045, 12.92, 0.055, 2.4
-"""Numbers of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
+"""Constants of sRGB's transfer function [1]: IEC 61966-2-1:1999."""
 _BITS, _DEEP, _WHITE = 16, 65535.0, 255.0
-"""Bits of a deep component, and values of white of deep and other ones."""
+"""Bits of a deep component, and the values of white in deep and 8-bit components."""
 _LARGEST = 1e9
 """Largest number of a pixel [1]: the sun is about 1e5 times as bright as its sky, and single precision ends at 3e38."""
 
@@ -30,7 +30,7 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
     """A picture as linear numbers, (h, w, 4) float32, the first row at the top; opaque without a fourth component.
 
     `space`: `sRGB`, `raw`, or `auto`: colours of 8 bits are sRGB, everything else is linear.
-    Raises PipelineError: the file cannot be read, has too many pixels, or one that is no finite number.
+    Raises PipelineError: the file cannot be read, has too many pixels, or holds a number that is not finite.
     """
     is_float = suffix not in _FORMATS
     pixels, scale = (_floats(content, suffix), 1.0) if is_float else _from_8_or_16_bits(content, suffix)
@@ -43,8 +43,9 @@ def decoded(content: bytes, suffix: str, space: str) -> np.ndarray:
 
 
 def ends_of(content: bytes, suffix: str) -> tuple[float, float, float]:
-    """Numbers that no pixel of a picture lies below or above, as `decoded` gives them [1], and the least of the fourth
-    components; it raises what that does."""
+    """Bounds below and above all pixels of a picture as `decoded` returns them [1], and the least of the fourth
+    components; raises as `decoded`.
+    """
     ends, scale = (0.0, 1.0), 1.0
     if suffix in _FORMATS:
         values, scale = _from_8_or_16_bits(content, suffix)
@@ -90,11 +91,11 @@ def _by_opencv(content: bytes) -> np.ndarray:
 
 
 _WITH_OPACITY = (2, 4)
-"""Numbers of components of which the last one is opacity [1]."""
+"""Numbers of components whose last one is opacity [1]."""
 
 
 def _with_four(values: np.ndarray) -> np.ndarray:
-    """Grey, grey with opacity, or colours without it, with all four components."""
+    """All four components, from grey, grey with opacity, or colours without it."""
     count = values.shape[2]
     colours = np.repeat(values[..., :1], 3, axis=2) if count < 3 else values[..., :3]
     opacity = values[..., -1:] if count in _WITH_OPACITY else np.ones_like(values[..., :1])
@@ -102,7 +103,7 @@ def _with_four(values: np.ndarray) -> np.ndarray:
 
 
 def _require_few(values: int) -> None:
-    """Refuse so many numbers, four for each pixel, before there is memory for them."""
+    """Refuse an array of this many numbers, four for each pixel, before memory is allocated for it."""
     pixels, most = -(-values // 4), limits().picture_pixels
     if pixels > most:
         message = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
@@ -119,7 +120,7 @@ def _floats(content: bytes, suffix: str) -> np.ndarray:
 
 
 def _from_hdr(content: bytes) -> np.ndarray:
-    """Colours of a file of Radiance, (h, w, 3)."""
+    """Colours of a Radiance HDR file, (h, w, 3)."""
     size = _HDR_SIZE.search(content)
     try:
         if not size:

@@ -14,7 +14,7 @@ _COMPRESS_LEVEL = 6
 
 
 def write_png(path: str | Path, image: np.ndarray) -> None:
-    """Write an image to a file of any name. Same pixels, same bytes; no time, no text, no colour profile.
+    """Write an image to a file of any name. Equal pixels give equal bytes; no time, no text, no colour profile.
 
     `image`: (h, w, 3) uint8, (h, w) uint8 or (h, w) uint16, RGB, grey, or raw digital numbers; row 0 is the top.
     """

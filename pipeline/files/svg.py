@@ -9,20 +9,20 @@ from html import escape
 Point = tuple[float, float]
 
 FINE = 6
-"""Decimals of numbers where a unit is a millimetre: a nanometre. Attributes have them, too."""
+"""Decimals of numbers whose unit is the millimetre, and of attributes: a nanometre."""
 COARSE = 2
-"""Decimals of coordinates where a unit is a pixel: finer than eyes, and half as many bytes."""
+"""Decimals of coordinates whose unit is the pixel: finer than the eye, and half as many bytes."""
 
 
 def number(value: float, decimals: int = FINE) -> str:
-    """A number without needless digits, and 0 without a sign."""
+    """A number without trailing zeros, and 0 without a sign."""
     text = f"{value:.{decimals}f}"
     text = text.rstrip("0").rstrip(".") if decimals else text
     return "0" if text == "-0" else text
 
 
 def element(name: str, *inside: str, **attributes: str | float) -> str:
-    """An element with others inside; attributes have - for _, words are escaped, numbers have `FINE` decimals."""
+    """An element with its children; attribute names have - for _, text is escaped, numbers have `FINE` decimals."""
     written = (value if isinstance(value, str) else number(value) for value in attributes.values())
     given = "".join(f' {key.replace("_", "-")}="{escape(text)}"' for key, text in zip(attributes, written, strict=True))
     content = "\n".join(inside)
@@ -30,7 +30,7 @@ def element(name: str, *inside: str, **attributes: str | float) -> str:
 
 
 def words(text: str, at: Point, **style: str | float) -> str:
-    """Words, whatever characters they have, that begin at a point (`text_anchor` says otherwise)."""
+    """Text that begins at a point (`text_anchor` says otherwise), with special characters escaped."""
     return element("text", escape(text), x=round(at[0], COARSE), y=round(at[1], COARSE), **style)
 
 
@@ -50,7 +50,7 @@ def path(steps: Iterable[tuple[str, Iterable[Point]]], decimals: int = COARSE, /
 
 
 def document(size: Point, *items: str, unit: str = "", **attributes: str | float) -> str:
-    """The text of an SVG file of some width and height, on white; `unit` is that of paper, none the pixel."""
+    """The text of an SVG file of this width and height, on white; `unit` is that of paper, none the pixel."""
     width, height = map(number, size)
     extent = {"width": width + unit, "height": height + unit, "viewBox": f"0 0 {width} {height}"}
     paper = element("rect", width="100%", height="100%", fill="#ffffff")

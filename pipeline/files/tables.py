@@ -53,8 +53,8 @@ def write_table(
 def read_table(path: str | Path) -> Table:
     """Read a table that `write_table` wrote.
 
-    Raises DamagedFile: if it has no header, or one name twice, a row is too short or too long, or it is not UTF-8 text
-        that ends in a line feed.
+    Raises DamagedFile: it has no header, a column name occurs twice, a row is too short or too long, or it is not UTF-8
+        text that ends in a line feed.
     """
     try:
         text = Path(path).read_bytes().decode()
@@ -84,7 +84,7 @@ def read_table(path: str | Path) -> Table:
 
 
 def _cells(column: Sequence[Any] | np.ndarray) -> list[str]:
-    """Cells of a column; columns of one kind, as nearly all are, without asking each value what it is."""
+    """Cells of a column; a column of one kind, as nearly all are, is converted without inspecting each value."""
     values = column.tolist() if isinstance(column, np.ndarray) else list(column)
     kinds = set(map(type, values))
     if kinds <= {float, np.float64}:
@@ -110,7 +110,7 @@ def _cell(value: Any) -> str:
 
 
 def _is_bare(text: str) -> bool:
-    """Whether no part of a text would have to be quoted."""
+    """Whether no part of a text has to be quoted."""
     return not any(mark in text for mark in ',"\n\r#') and text.split() in ([], [text])
 
 

@@ -1,12 +1,12 @@
 """TIFF files of raw images: one plane of 16-bit digital numbers, uncompressed, in one strip behind its tags.
 
-tifffile writes the tags; the numbers follow band by band, so that a full disk is an error of the system. Any reader of
-TIFF opens the files, and so does a memory map. The description is a JSON object of what the numbers mean, with the
-CRC-32 of itself and the pixels, by which a reader of ours knows damage. No date and no program is in a file: the same
-image gives the same bytes.
+tifffile writes the tags; the numbers follow band by band, so that a full disk is an error of the system. Any TIFF
+reader opens the files, and so does a memory map. The description is a JSON object that states the meaning of the
+numbers, with the CRC-32 of itself and the pixels, by which our reader detects damage. A file holds no date and no
+program name: equal images give equal bytes.
 
-A digital negative (DNG) is such a file, whose further tags say what a raw converter has to know: Digital Negative (DNG)
-Specification, Version 1.4.0.0, Adobe 2012.
+A digital negative (DNG) is such a file with further tags for raw converters: Digital Negative (DNG) Specification,
+Version 1.4.0.0, Adobe 2012.
 """
 
 import io
@@ -32,27 +32,27 @@ CRC = "content_crc32"
 """Key of the checksum in the description."""
 
 _BAND_PX = 1 << 20
-"""Pixels that are made and written at once: 2 MB, and what makes them takes some hundred bytes a pixel."""
+"""Pixels computed and written at once: 2 MB, and computing them takes some hundred bytes per pixel."""
 _LARGEST_BYTES = 2**31
 """Bytes of an image at most: half of what the offsets of a TIFF file, of 32 bits, reach."""
 _VERSION, _READABLE_SINCE = (1, 4, 0, 0), (1, 1, 0, 0)
-"""Version of the specification, and the oldest whose readers can read it: everything here is as old as that."""
+"""Version of the specification, and the oldest version whose readers suffice: every tag here is as old as that."""
 _MAKER = "plenoptic-pipeline"
 _LIGHTS, _OTHER_LIGHT = {"A": 17, "B": 18, "C": 19, "D55": 20, "D65": 21, "D75": 22, "D50": 23}, 255
-"""Illuminants that Exif numbers, and the number of all others."""
+"""Exif numbers of illuminants, and the number of all others."""
 _TO_EXIF, _EXIF_VERSION = 34665, 36864
-"""Tags of the place of the directory of Exif, and of its version, here 2.3, without which it is none."""
+"""Tags of the offset of the Exif directory, and of its version, here 2.3, which every such directory needs."""
 _LARGEST = 2**31 - 1
-"""Numerator and denominator of a fraction at most [1], also of one with a sign."""
+"""Largest numerator and denominator of a fraction [1], valid also for signed ones."""
 
 Rows = Callable[[int, int], np.ndarray]
-"""First and end row to digital numbers, (rows, w) uint16."""
+"""Function from first and end row to digital numbers, (rows, w) uint16."""
 Tag = tuple[int, int, int, Any, bool]
 """A tag as tifffile takes it: number, type, count, values, and True."""
 
 
 class Tags(NamedTuple):
-    """Further tags, by which a TIFF file is a negative."""
+    """Further tags that make a TIFF file a negative."""
 
     photometric: int
     more: Sequence[Tag]
@@ -66,7 +66,7 @@ def write_tiff(
     about: Json,
     of_negative: Tags | None = None,
 ) -> None:
-    """Write a plane of digital numbers band by band; the same pixels, the same bytes.
+    """Write a plane of digital numbers band by band; equal pixels give equal bytes.
 
     `shape`: height and width [px].
     `rows`: called for one band after the other, from the top.
@@ -116,7 +116,7 @@ def write_tiff(
 
 
 def _directory(fractions: Mapping[int, float], at: int) -> bytes:
-    """A directory of Exif at a place of the file, and its fractions behind it."""
+    """An Exif directory at this offset of the file, followed by its fractions."""
     entries = {_EXIF_VERSION: struct.pack("<HHI4s", _EXIF_VERSION, DATATYPE.UNDEFINED, 4, b"0230")}
     behind = at + 2 + 12 * (len(fractions) + 1) + 4
     for number, tag in enumerate(fractions):
@@ -130,7 +130,7 @@ def _text(about: Json) -> str:
 
 
 def read_tiff(path: str | Path) -> tuple[np.ndarray, Json]:
-    """Digital numbers (h, w) uint16 and description of a file of this module; DamagedFile if it is none, or altered."""
+    """Digital numbers (h, w) uint16 and description of a file of this module; DamagedFile if foreign or altered."""
     data = Path(path).read_bytes()
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
@@ -147,7 +147,7 @@ def read_tiff(path: str | Path) -> tuple[np.ndarray, Json]:
 
 
 def mapped(path: str | Path) -> np.ndarray:
-    """Digital numbers of a file of ours that was just written, (h, w) uint16, read where they are asked for."""
+    """Memory map of the digital numbers of a file that was just written, (h, w) uint16."""
     with tifffile.TiffFile(path) as file:
         page = file.pages.first
         return np.memmap(path, "<u2", "r", page.dataoffsets[0], (page.imagelength, page.imagewidth))
@@ -155,7 +155,7 @@ def mapped(path: str | Path) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Negative:
-    """Facts of a raw image that a raw converter has to know."""
+    """Facts of a raw image that a raw converter needs."""
 
     model: str  # name of the camera
     black_dn: float  # digital number of no light, without noise; kept to 1/65536
@@ -173,7 +173,7 @@ class Negative:
 
 
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json, negative: Negative) -> None:
-    """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG does not know."""
+    """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG lacks."""
     maker, model = _MAKER, negative.model.encode("ascii", "backslashreplace").decode()
     tags = [
         _tag("Make", DATATYPE.ASCII, maker),
@@ -221,7 +221,7 @@ def _of_light(negative: Negative) -> Iterator[Tag]:
 
 
 def nameless_filters(filters: Iterable[str]) -> list[str]:
-    """Filters of a mosaic whose names state no colour that DNG knows; a sensor without a mosaic has none."""
+    """Filters of a mosaic whose names state no colour of DNG; a sensor without a mosaic has none."""
     names = sorted(set(filters))
     return [name for name in names if colour_of(name) is None] if len(names) > 1 else []
 

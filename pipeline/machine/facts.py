@@ -1,8 +1,8 @@
 """Facts about this machine on which the bits of results depend, as its libraries state them. They enter every key.
 
-What can be chosen for a process is chosen by `processor.pin`, equally on all processors of a level. What it cannot
-reach, because a library was loaded before or reads its settings when the process starts, is stated here. So is memory,
-which decides how many tasks run at a time and no bits.
+`processor.pin` sets everything that a process can choose, equally on all processors of a level. The rest is stated
+here: settings that a library read when it was loaded, or when the process started. Memory is here as well; it decides
+how many tasks run at a time, and no bits.
 """
 
 import contextlib
@@ -27,10 +27,10 @@ _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} i
 
 
 def command(function: str, *arguments: str) -> list[str]:
-    """Command of a process that calls `module:name`, a function of ours without parameters, with these `sys.argv`.
+    """Command line of a process that calls `module:name`, a parameterless function of ours, with these `sys.argv`.
 
-    It finds the same modules as this one, and with `-P` none in the working directory, where a json.py of somebody else
-    would take the place of Python's.
+    It finds the same modules as this process. `-P` keeps it from importing out of the working directory, where a user's
+    json.py would replace Python's.
     """
     return [sys.executable, "-P", "-c", _BOOT.format(*function.split(":")), json.dumps(sys.path), *arguments]
 
@@ -38,7 +38,7 @@ def command(function: str, *arguments: str) -> list[str]:
 def facts(libraries: Collection[str]) -> dict[str, str]:
     """Facts about this process: `level` and `libc`, and `numpy` if it is among the libraries.
 
-    As `x86_64-v3`, `glibc 2.36` and `OpenBLAS Haswell`; with the variables that choose other code, if they are set.
+    For example `x86_64-v3`, `glibc 2.36` and `OpenBLAS Haswell`, and any variables that select other code.
     """
     libc = " ".join(platform.libc_ver()).strip() or platform.system()
     stated = {"level": level(), "libc": _with_settings(libc, ("GLIBC_TUNABLES",))}
@@ -49,12 +49,12 @@ def facts(libraries: Collection[str]) -> dict[str, str]:
 
 
 def facts_of_workers(libraries: Collection[str]) -> dict[str, str]:
-    """The facts for processes that this one starts. They may differ if NumPy was loaded here before `pin`."""
+    """Facts about the processes that this one starts. They may differ if NumPy was loaded here before `pin`."""
     return facts(libraries) if pin() or "numpy" not in libraries else _asked()
 
 
 def tell() -> None:
-    """Print all facts, as the process of `facts_of_workers`."""
+    """Print all facts; entry point of the process that `facts_of_workers` starts."""
     print(json.dumps(facts({"numpy"})))
 
 
@@ -74,7 +74,7 @@ def _with_settings(name: str, variables: Collection[str]) -> str:
 
 @functools.cache
 def _blas() -> str:
-    """Name and kernels of NumPy's own OpenBLAS, else the BLAS that NumPy was built with."""
+    """Name and kernels of NumPy's own OpenBLAS, else of the BLAS that NumPy was built with."""
     import numpy as np
 
     for path in Path(np.__file__).parent.with_name("numpy.libs").glob("*openblas*"):
@@ -90,7 +90,7 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 def reset_peak() -> None:
-    """Let `peak_bytes` count from now on, where the system can."""
+    """Reset the counter of `peak_bytes`, where the system can."""
     with contextlib.suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")  # resets VmHWM; see proc(5)
 
@@ -103,7 +103,7 @@ def peak_bytes() -> int:
 
 
 def available_bytes() -> int | None:
-    """Available memory [bytes]: the estimate of the system, or less inside a container; None if unknown."""
+    """Available memory [bytes]: the system's estimate, or the smaller limit of a container; None if unknown."""
     available = _bytes_in(Path("/proc/meminfo"), "MemAvailable")
     try:
         limit, used = (int((_CGROUP / name).read_text()) for name in ("memory.max", "memory.current"))

@@ -1,4 +1,4 @@
-"""Standard streams in any state, limits and the working directory of this process."""
+"""Standard streams, resource limits and the working directory of this process, made safe in any state."""
 
 import contextlib
 import io
@@ -18,9 +18,9 @@ ADDRESSES = 1_500_000_000
 
 
 class Stderr(io.TextIOWrapper):
-    """A stream of messages for people. Writing to it never fails; what cannot be written is lost.
+    """A stream of messages for people. Writing to it never fails; text that cannot be written is lost.
 
-    It shows what would steer a terminal, but for a stream that draws and shows such texts itself.
+    Control characters are escaped, except for streams that interpret and display them themselves.
     """
 
     def __init__(self, *, draws: bool = False) -> None:
@@ -44,7 +44,7 @@ class Stderr(io.TextIOWrapper):
 
 @contextlib.contextmanager
 def hushed() -> Iterator[None]:
-    """Context in which nothing reaches stderr: libraries write there by themselves, and quote files as they are."""
+    """Context in which nothing reaches stderr: libraries write there unasked, and quote files unescaped."""
     saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 2)
     try:
@@ -78,9 +78,9 @@ def mend_streams() -> None:
 
 
 def require_room() -> None:
-    """Raise the limits of this process, below which it would crash, as far as it may; EnvironmentFault if it may not.
+    """Raise the resource limits below which this process would crash; EnvironmentFault if it may not.
 
-    The error states the command that raises a limit. Likewise if there is no working directory.
+    The error states the command that raises a limit. A missing working directory is an error, too.
     """
     try:
         os.getcwd()  # noqa: PTH109 (of the system, whatever Python thinks of it)

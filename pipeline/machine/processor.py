@@ -1,7 +1,7 @@
-"""The level of this processor, and settings with which libraries give the same bits on all processors of a level.
+"""Level of this processor, and settings that make libraries give the same bits on all processors of a level.
 
-This module loads no library, because libraries read their settings when they are loaded. It also imports little
-else: the command begins with it, and handles signals only afterwards.
+This module loads no library, because libraries read their settings when they are loaded. It imports little else,
+either: the command begins with it, and handles signals only afterwards.
 """
 
 import functools
@@ -22,12 +22,13 @@ NUMPY_FEATURES = ("NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES")
 """Variables that keep NumPy from instructions of the processor; unset, it uses all that it was built for."""
 
 _PRECISION = {"COLOUR_SCIENCE__DEFAULT_FLOAT_DTYPE": "float64", "COLOUR_SCIENCE__DEFAULT_INT_DTYPE": "int64"}
-"""Defaults of the library that encodes previews, set explicitly because it reads others from the environment."""
+"""Defaults of the library that encodes previews, set explicitly because it reads overrides from the environment."""
 
 _USUAL_CODE = {"DISABLE_JIT": 0, "OPT": 1, "LOOP_VECTORIZE": 1, "SLP_VECTORIZE": 0, "BOUNDSCHECK": 0, "DEBUGINFO": 0}
-"""Set explicitly because Numba reads others from a file in the working directory, which may be anybody's.
+"""Defaults but for OPT, set explicitly because Numba reads overrides from a file in the working directory, which may be
+anybody's.
 
-Its defaults, but for OPT = 1: kernels compile sooner, have the same bits, and run as fast as by 3.
+With OPT = 1 kernels compile sooner, give the same bits, and run as fast as with 3.
 """
 
 
@@ -37,7 +38,7 @@ TUNING = {"x86-64-v4": "-prefer-256-bit"}
 
 @functools.cache
 def level() -> str:
-    """Architecture and, if the system tells it, the level of vector instructions: `x86_64-v3`."""
+    """Architecture and, if the system states it, the level of vector instructions: `x86_64-v3`."""
     name = os.uname().machine
     has = _flags()
     version = next((version for version, needs in _NEEDS.items() if needs <= has), None)
@@ -45,13 +46,13 @@ def level() -> str:
 
 
 def compiler_target() -> str | None:
-    """LLVM's name for any processor of this level, `x86-64-v3`; None for architectures without levels."""
+    """LLVM's name for the processors of this level, `x86-64-v3`; None for architectures without levels."""
     name, _, version = level().rpartition("-")
     return f"{name.replace('_', '-')}-{version}" if version in _NEEDS else None
 
 
 def settings_of_numba() -> dict[str, str]:
-    """Settings to compile for any processor of the level, with equal bits, so that all share compiled kernels."""
+    """Compiler settings for any processor of the level, with equal bits, so that all share compiled kernels."""
     target = compiler_target()
     chosen = {"NUMBA_CPU_NAME": target, "NUMBA_CPU_FEATURES": TUNING.get(target, "")} if target else {}
     # SVML is a library by Intel that Numba would use instead of libm if it happened to be installed.
@@ -69,11 +70,11 @@ def settings() -> dict[str, str]:
 
 @functools.cache
 def pin() -> bool:
-    """Put `settings` into the environment unless NumPy is loaded, which reads them no more; whether that was in
-    time.
+    """Put `settings` into the environment unless NumPy, which reads them only once, is loaded; returns whether that was
+    in time.
 
-    The first call decides: the command makes it when it begins, a notebook when it asks for `pipeline.build`. If
-    NumPy was loaded before, builds compute in worker processes.
+    The first call decides: the command makes it at its start, a notebook when it first uses `pipeline.build`. If NumPy
+    was loaded before, builds compute in worker processes.
     """
     in_time = "numpy" not in sys.modules
     if in_time:
@@ -82,7 +83,7 @@ def pin() -> bool:
 
 
 def _flags() -> set[str]:
-    """Flags of the first processor, as named by Linux."""
+    """Flags of the first processor, as Linux names them."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as lines:  # noqa: PTH123 (long on big machines)
             return next((set(line.split(":")[1].split()) for line in lines if line.startswith("flags")), set())

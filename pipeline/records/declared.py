@@ -1,7 +1,7 @@
 """Checks that records and arguments have the declared types and ranges, before anything is computed with them.
 
-Stages are judged by `check`; these checks are for people who write records or call functions in a notebook. attrs or
-msgspec would check types, too, and not in words, nor sizes: a number of a camera is at most 1e12, inf in some fields.
+`check` judges stages; these checks are for people who write records or call functions in a notebook. attrs or msgspec
+would check types, too, but not in words, and not magnitudes: a number of a camera is at most 1e12, inf in some fields.
 """
 
 import collections.abc
@@ -25,7 +25,7 @@ from pipeline.errors import PipelineError
 _WRONG = object()
 """Result of a check for a value that does not fit its type."""
 _WIDEST = 1 << 63
-"""First whole number that does not fit into 64 bits with a sign."""
+"""Smallest positive integer beyond a signed 64-bit number."""
 _LARGEST = 1e12
 """Largest magnitude of lengths, angles and other numbers of a camera: their squares are finite."""
 _UNIONS = (typing.Union, types.UnionType)
@@ -33,7 +33,7 @@ _WORDS = {int: "a whole number", str: "a text", bool: "True or False", Path: "a 
 
 
 class Sizes(enum.Enum):
-    """Sizes that a number may have; NaN has none."""
+    """Admissible magnitudes of a number; NaN has none."""
 
     USUAL = f"of at most {_LARGEST:g}"
     OR_INFINITE = f"of at most {_LARGEST:g}, or inf"
@@ -47,8 +47,8 @@ class Sizes(enum.Enum):
 
 @functools.cache  # records are made by the thousand, and taking an annotation apart costs more than checking a value
 def _check(hint: Any, sizes: Sizes = Sizes.USUAL) -> Callable[[Any], Any]:
-    """Function that gives a value as a field of a type stores it, or _WRONG: sequences become tuples, NumPy's numbers
-    those of Python.
+    """Converter of values to a type's stored form, or _WRONG: sequences become tuples, NumPy's numbers those of
+    Python.
     """
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in _UNIONS:
@@ -80,7 +80,7 @@ def _items(check: Callable[[Any], Any], value: Any) -> Any:
 
 
 def _tuple(checks: list[Callable[[Any], Any]], value: Any, *, is_open: bool) -> Any:
-    """Items of a sequence, each of a type of its own, or any number of them of one type."""
+    """Items of a sequence: each of its own type, or any number of one type."""
     items = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(items, list | tuple) or not (is_open or len(items) == len(checks)):
         return _WRONG
@@ -128,11 +128,11 @@ F = TypeVar("F", bound=Callable[..., Any])
 def settle(
     record: object, error: type[PipelineError], infinite: Iterable[str] = (), finite: Iterable[str] = ()
 ) -> None:
-    """Refuse values that the fields of a frozen record are not declared to hold; lists and arrays become tuples.
+    """Refuse values that do not fit the declared fields of a frozen record; lists and arrays become tuples.
 
-    Numbers of NumPy become Python's. NaN and what is larger than 1e12 is no number; infinity is one in the fields
-    `infinite`, and whatever is finite in the fields `finite`: coefficients of high powers of small heights are huge.
-    Raises an error of the given type.
+    NumPy's numbers become Python's. NaN and magnitudes above 1e12 are refused. Fields in `infinite` also accept
+    infinity, those in `finite` any finite number: coefficients of high powers of small heights are huge. Raises an
+    error of the given type.
     """
     for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
         value = getattr(record, name)
@@ -146,7 +146,7 @@ def settle(
 
 
 def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
-    """Decorate a public function, so that it refuses arguments of other types than it declares."""
+    """Decorate a public function so that it refuses arguments that do not fit its annotations."""
 
     def decorate(function: F) -> F:
         signature, hints = inspect.signature(function), typing.get_type_hints(function)
@@ -175,7 +175,7 @@ def number(
     return float(_within(name, float, value, error, (least, most)))
 
 
-def whole(name: str, value: Any, error: type[PipelineError], least: int, most: int) -> int:
+def integer(name: str, value: Any, error: type[PipelineError], least: int, most: int) -> int:
     """A whole number within bounds, given as an argument; raises as `number`."""
     return int(_within(name, int, value, error, (least, most)))
 
@@ -191,7 +191,7 @@ def _within(name: str, kind: Any, value: Any, error: type[PipelineError], bounds
 
 
 def attributes_of(cls: type) -> dict[str, str]:
-    """Attribute of a stage that sets each field of a record, as the fields are annotated; of others none."""
+    """Stage attribute that sets each annotated field of a record."""
     hints = typing.get_type_hints(cls, include_extras=True)
     return {name: hint.__metadata__[0] for name, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
 

@@ -11,23 +11,23 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 Json = dict[str, Any]
-"""An object of JSON, as `json` reads it; docs/outputs.md says what the keys of our files mean."""
+"""A JSON object as `json` reads it; docs/outputs.md describes the keys of our files."""
 
 
 class Shared(dict[str, Any]):
-    """A plain part of many records: it is not copied, and its encoding is made once. Nobody may change it."""
+    """A plain part of many records, encoded once and never copied. Nobody may change it."""
 
     made: bytes | None = None
 
     def once(self, make: Callable[[Json], bytes]) -> bytes:
-        """Bytes made from the dict, always by the same function, cached."""
+        """Cached bytes of the dict, always made by the same function."""
         if self.made is None:
             self.made = make(self)
         return self.made
 
 
 class ByContent:
-    """A record with arrays: two of them are equal if their plain values are."""
+    """A record with arrays, equal to another if their plain values are equal."""
 
     def __eq__(self, other: object) -> bool:
         return self is other or (type(self) is type(other) and bool(to_plain(self) == to_plain(other)))
@@ -40,7 +40,7 @@ _PLAIN = (bool, int, str, Shared, type(None))
 
 
 def to_plain(record: Any) -> Any:
-    """A record as dicts, lists, numbers, strings and None, of an array its bytes. -0.0 becomes 0.0; NaN is refused."""
+    """A record as dicts, lists, numbers, strings and None; an array as its bytes. -0.0 becomes 0.0; NaN is refused."""
     if hasattr(record, "__array_interface__"):  # NumPy itself would take longer to load than most work of the engine
         if (record != record).any():
             raise ValueError("a record cannot hold NaN")

@@ -182,7 +182,7 @@ def _in_focus(camera: Camera) -> tuple[float, float]:
 
 
 def _fan(
-    place: np.ndarray, along: np.ndarray, offsets: np.ndarray, in_focus: tuple[float, float]
+    entry: np.ndarray, along: np.ndarray, offsets: np.ndarray, in_focus: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 2) beside the central ray where it meets the lens, and directions there of rays of its object point.
 
@@ -190,17 +190,17 @@ def _fan(
     parallel rays where it is infinitely far.
     """
     distance, leaning = in_focus
-    points = place + offsets[:, None] * np.array([-along[1], along[0]])
+    points = entry + offsets[:, None] * np.array([-along[1], along[0]])
     if math.isinf(distance):
         return points, np.tile(along, (len(points), 1))
-    away = (distance + place[0] - leaning * place[1]) / max(along[0] - leaning * along[1], 0.5)
-    ways = points - (place - away * along)
-    return points, ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    away = (distance + entry[0] - leaning * entry[1]) / max(along[0] - leaning * along[1], 0.5)
+    directions = points - (entry - away * along)
+    return points, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _entry(first: tuple[float, float], way: list[float], left_mm: float, limit_mm: float) -> tuple[float, float]:
+def _entry(first: tuple[float, float], direction: list[float], left_mm: float, limit_mm: float) -> tuple[float, float]:
     """Point at which a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
-    (x, y), (along, across) = first, way
+    (x, y), (along, across) = first, direction
     ahead = (x - left_mm) / along if along > 0 else math.inf
     if across:
         ahead = min(ahead, (y + math.copysign(limit_mm, across)) / across)
@@ -208,11 +208,11 @@ def _entry(first: tuple[float, float], way: list[float], left_mm: float, limit_m
 
 
 def _trace(
-    prescription: Prescription, start: np.ndarray, ways: np.ndarray
+    prescription: Prescription, start: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
     position = np.stack([np.zeros(len(start)), start[:, 1], start[:, 0]], axis=1)
-    direction = np.stack([np.zeros(len(start)), ways[:, 1], ways[:, 0]], axis=1)
+    direction = np.stack([np.zeros(len(start)), directions[:, 1], directions[:, 0]], axis=1)
     alive, table = np.ones(len(start)), towards_sensor(prescription)
     along, across = [position[:, 2].copy()], [position[:, 1].copy()]
     for row in range(len(table)):
@@ -320,7 +320,7 @@ def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None
     for tick in range(math.ceil(left / step), math.floor(right / step) + 1):
         sheet.line([(tick * step, -half), (tick * step, -half - 4 / sheet.scale)], "#555555", 0.8)
         words = f"{tick * step:g}" + (" mm" if tick == 0 else "")
-        sheet.words(sheet.place(tick * step, -half - 18 / sheet.scale), words, 11)
+        sheet.words(sheet.to_px(tick * step, -half - 18 / sheet.scale), words, 11)
 
 
 def focus_in_words(camera: Camera, form: str = ".1f") -> str:
@@ -336,21 +336,21 @@ class _Sheet:
         self.left, self.scale, self.axis_px = left, scale, axis_px
         self.items: list[str] = []
 
-    def place(self, x: float, y: float) -> svg_file.Point:
+    def to_px(self, x: float, y: float) -> svg_file.Point:
         return _MARGIN_PX + (x - self.left) * self.scale, self.axis_px - y * self.scale
 
     def line(self, points: Points, colour: str, width: float, dashes: str = "") -> None:
         dashed = {"stroke_dasharray": dashes} if dashes else {}
-        placed = [self.place(*point) for point in points]
+        placed = [self.to_px(*point) for point in points]
         self.items.append(svg_file.line(placed, stroke=colour, stroke_width=width, **dashed))
 
     def area(self, points: Points, colour: str) -> None:
-        placed = [self.place(*point) for point in points]
+        placed = [self.to_px(*point) for point in points]
         self.items.append(svg_file.area(placed, fill=colour, stroke=_EDGE, stroke_width=0.6))
 
     def label(self, x: float, y: float, words: str, anchor: str = "middle") -> None:
         """Write words a little above a point."""
-        x_px, y_px = self.place(x, y)
+        x_px, y_px = self.to_px(x, y)
         self.words((x_px, y_px - 6), words, 11, anchor)
 
     def words(self, at_px: svg_file.Point, words: str, size: int, anchor: str = "middle") -> None:

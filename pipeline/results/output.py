@@ -112,8 +112,8 @@ def open_output(out: str | Path) -> Output:
     folder = finished_folder(out)
     frames = tuple(sorted({int(name.split("/")[1]) for name in folder.files if name.startswith("frames/")}))
     bodies = sorted(name.split("/")[1] for name in folder.files if fnmatch(name, "cameras/*/camera.json"))
-    seen = {(parts[1], parts[2]) for name in folder.files if (parts := name.split("/"))[0] == "frames"}
-    cameras = {name: _camera(folder, name, frames, seen) for body in bodies for name in _in_channels(folder, body)}
+    exposed = {(parts[1], parts[2]) for name in folder.files if (parts := name.split("/"))[0] == "frames"}
+    cameras = {name: _camera(folder, name, frames, exposed) for body in bodies for name in _in_channels(folder, body)}
     names = sorted(Path(name).stem for name in folder.files if name.startswith("targets/"))
     return Output(
         path=folder.path,
@@ -131,13 +131,13 @@ def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
     return [name_with(name, channel["name"]) for channel in channels] or [name]
 
 
-def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...], seen: Set[tuple[str, str]]) -> BuiltCamera:
+def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...], exposed: Set[tuple[str, str]]) -> BuiltCamera:
     body = body_and_channel(name)[0]
     record = folder.record(f"cameras/{body}/camera.json")
     (width, height), is_plenoptic = record["resolution"], "mla" in record
     views = (
         BuiltView(camera=name, frame=frame, is_plenoptic=is_plenoptic, size_px=(width, height), _folder=folder)
         for frame in frames
-        if (f"{frame:04d}", body) in seen
+        if (f"{frame:04d}", body) in exposed
     )
     return BuiltCamera(name=name, record=record, views=tuple(views), _folder=folder)

@@ -98,7 +98,7 @@ def _reason(data: bytes | None) -> str:
 
 def _hint(path: Path) -> str:
     """Advice for a folder without a manifest of ours: builds may lie below it, or it is being filled."""
-    below = sorted(place.parent for place in path.glob(f"*/{manifest.NAME}"))
+    below = sorted(folder.parent for folder in path.glob(f"*/{manifest.NAME}"))
     if below:
         return f"did you mean {below[0]}?" if len(below) == 1 else f"{below[0]} and {len(below) - 1} more lie below it"
     if (path / "frames").is_dir() or (path / "cameras").is_dir():
@@ -177,7 +177,7 @@ class BuiltView:
 
         docs/outputs.md says what the columns mean.
         """
-        table = self._folder.table(self._place("correspondences.csv"))
+        table = self._folder.table(self._file("correspondences.csv"))
         rows = rows_of(table, frozenset() if self.is_plenoptic else MICROLENS)
         pictures = {(self.camera, self.frame): self.preview_path} if self.preview_path else {}
         return with_backdrop(rows, Backdrop({self.camera: self.size_px}, pictures))
@@ -202,19 +202,19 @@ class BuiltView:
     @property
     def image_path(self) -> Path | None:
         """image.exr; None where the build made none."""
-        return self._folder.file(self._place("image.exr"))
+        return self._folder.file(self._file("image.exr"))
 
     @property
     def preview_path(self) -> Path | None:
         """image.png; None where the build made none."""
-        return self._folder.file(self._place("image.png"))
+        return self._folder.file(self._file("image.png"))
 
     @property
     def positions_path(self) -> Path | None:
         """positions.exr; None where the build made none."""
-        return self._folder.file(self._place("positions.exr"))
+        return self._folder.file(self._file("positions.exr"))
 
-    def _place(self, file: str) -> str:
+    def _file(self, file: str) -> str:
         return f"frames/{self.frame:04d}/{folder_of(self.camera)}/{file}"
 
     def _repr_png_(self) -> bytes | None:
@@ -278,12 +278,12 @@ class BuiltCamera:
     @property
     def white_path(self) -> Path | None:
         """white.exr; None where there is none."""
-        return self._folder.file(self._place("white.exr"))
+        return self._folder.file(self._file("white.exr"))
 
     @property
     def rays_path(self) -> Path | None:
         """rays.exr; None where there is none."""
-        return self._folder.file(self._place("rays.exr"))
+        return self._folder.file(self._file("rays.exr"))
 
     @cached_property
     def micro_images(self) -> np.recarray | None:
@@ -300,10 +300,10 @@ class BuiltCamera:
         return as_pandas(self.correspondences)
 
     def _table(self, file: str) -> np.recarray | None:
-        name = self._place(file)
+        name = self._file(file)
         return rows_of(self._folder.table(name)) if self._folder.file(name) else None
 
-    def _place(self, file: str) -> str:
+    def _file(self, file: str) -> str:
         return f"cameras/{folder_of(self.name)}/{file}"
 
 

@@ -116,8 +116,8 @@ class CorrespondenceRows(np.recarray):
             from pipeline.files.png import read_png
 
             sheet.imshow(read_png(picture), cmap="gray", vmin=0, vmax=255)
-        for number, (kind, here) in enumerate(rows._kinds()):
-            x, y, colour = rows.x_px[here], rows.y_px[here], _COLOURS[number % len(_COLOURS)]
+        for number, (kind, selected) in enumerate(rows._kinds()):
+            x, y, colour = rows.x_px[selected], rows.y_px[selected], _COLOURS[number % len(_COLOURS)]
             sheet.plot(x, y, "+", color=colour, markersize=5, label=f"{kind}: {len(x)}")
         if size_px:
             sheet.set(xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5))
@@ -156,12 +156,12 @@ class CorrespondenceRows(np.recarray):
     def _kinds(self) -> Iterable[tuple[str, np.ndarray]]:
         """Targets, and behind microlenses their types, with the rows of each."""
         for target in np.unique(self.target).tolist():
-            here = self.target == target
+            selected = self.target == target
             if "microlens_type" not in (self.dtype.names or ()):
-                yield target, here
+                yield target, selected
                 continue
-            for kind in np.unique(self.microlens_type[here]).tolist():
-                yield f"{target}, microlenses of type {kind}", here & (self.microlens_type == kind)
+            for kind in np.unique(self.microlens_type[selected]).tolist():
+                yield f"{target}, microlenses of type {kind}", selected & (self.microlens_type == kind)
 
 
 def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:

@@ -49,8 +49,8 @@ class Figures:
 def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
     """Focal length, sensor, pupils, equivalent pinhole and distortion: those that each member has, not 0 in all."""
     of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
-    whole = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
-    names = tuple(name for name in whole if any(of[name] for of in of_each))
+    common = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
+    names = tuple(name for name in common if any(of[name] for of in of_each))
     values = np.array([[of[name] for name in names] for of in of_each], np.float64)
     mean, deviation = values[1:].mean(axis=0), values[1:].std(axis=0, ddof=1)
     differs = deviation > _SAME * np.maximum(1, abs(mean))
@@ -85,18 +85,18 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
     tables = [output.cameras[camera].correspondences for output in (nominal, *members)]
     key = [name for name in _KEY if name in (tables[0].dtype.names or ())]
     keys = np.concatenate([table[key] for table in tables])
-    known, row = np.unique(keys, return_inverse=True)
+    points, row = np.unique(keys, return_inverse=True)
     position = np.concatenate([np.stack([table.x_px, table.y_px], axis=1) for table in tables])
     is_member = np.arange(len(row)) >= len(tables[0])
-    nominal_px = np.full((len(known), 2), np.nan)
+    nominal_px = np.full((len(points), 2), np.nan)
     nominal_px[row[~is_member]] = position[~is_member]
-    count = np.bincount(row[is_member], minlength=len(known))
-    near = np.zeros((len(known), 2))
+    count = np.bincount(row[is_member], minlength=len(points))
+    near = np.zeros((len(points), 2))
     near[row] = position  # any position of a row: moments about it do not cancel
     x, y = (position - near[row])[is_member].T
 
     def mean(values: np.ndarray) -> np.ndarray:
-        total = np.bincount(row[is_member], values, minlength=len(known))
+        total = np.bincount(row[is_member], values, minlength=len(points))
         return np.where(count == len(members), total / len(members), np.nan)
 
     x_mean, y_mean, freedom = mean(x), mean(y), len(members) / (len(members) - 1)
@@ -107,7 +107,7 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
     x_deviation, y_deviation = np.sqrt(np.maximum(xx, 0)), np.sqrt(np.maximum(yy, 0))
     product = x_deviation * y_deviation
     return {
-        **{name: known[name] for name in key},
+        **{name: points[name] for name in key},
         "members": count,
         "x_px": nominal_px[:, 0],
         "y_px": nominal_px[:, 1],
@@ -115,5 +115,5 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
         "mean_y_px": near[:, 1] + y_mean,
         "deviation_x_px": x_deviation,
         "deviation_y_px": y_deviation,
-        "correlation_xy": np.divide(xy, product, out=np.full(len(known), np.nan), where=product > 0),
+        "correlation_xy": np.divide(xy, product, out=np.full(len(points), np.nan), where=product > 0),
     }

@@ -167,15 +167,15 @@ def test_a_builder_with_another_store_waits_until_the_folder_is_free(tmp_path, m
     build(builds[1][0], ALONE, store=builds[1][1])  # so that the other build only delivers files
     (project, store), other = builds
     second = threading.Thread(target=lambda: codes.append(build(other[0], ALONE, store=other[1]).exit_code))
-    place = Folder.place
+    move_in = Folder.move_in
 
     def slow(*arguments, **options):
         if not second.ident:
             second.start()
             second.join(0.3)
-        place(*arguments, **options)
+        move_in(*arguments, **options)
 
-    monkeypatch.setattr(Folder, "place", slow)
+    monkeypatch.setattr(Folder, "move_in", slow)
     codes.append(build(project, ALONE, store=store).exit_code)
     second.join()
     fresh = build(toy.project(tmp_path / "fresh", power=9.0), ALONE)

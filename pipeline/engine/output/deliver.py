@@ -1,9 +1,9 @@
 """Fill an output folder with exactly the files that the records state, touching only those that differ.
 
 New files are first written to a temporary folder inside the output folder and hashed there, so a full disk is noticed
-while the previous build is still whole. Then the manifest and obsolete files are removed, the new files are renamed
+while the previous build is still complete. Then the manifest and obsolete files are removed, the new files are renamed
 into place, and the new manifest is written last. Only bytes that we have written are ever removed or replaced: anything
-else that is in the way gets another name.
+else that is in the way is renamed.
 
 A partial delivery writes some of the files and removes none. It keeps a manifest that agrees with them and removes one
 that does not, because the folder is then no longer the build it describes. It never writes a manifest.
@@ -41,10 +41,10 @@ _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Delivery:
-    """Changes that a delivery made in the folder; paths are posix and relative.
+    """Changes that a delivery made in the folder; paths are POSIX and relative.
 
-    `asked` lists the files that a partial delivery wrote or found; None after a whole one. `finished` states whether
-    the folder has a manifest now.
+    `asked` lists the files that a partial delivery wrote or found; it is None after a complete one. `finished` states
+    whether the folder has a manifest now.
     """
 
     written: tuple[str, ...] = ()
@@ -58,24 +58,24 @@ class Delivery:
 class Contents:
     """The intended content of an output folder: sources by path, facts of its manifest, and records of the tasks.
 
-    `stage_id` is the identity of the stage, because a folder holds builds of one stage only. Unless they are the
-    `whole` build, other files of it may stay.
+    `stage_id` is the identity of the stage, because a folder holds builds of one stage only. Unless the contents are
+    `complete`, other files of that stage may stay.
     """
 
     files: Mapping[str, Source]
     head: manifest.Head
     records: Mapping[str, Record]
     stage_id: str = ""
-    whole: bool = True
+    complete: bool = True
 
 
 def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], None] = lambda text: None) -> Delivery:
     """Make `out` hold the files and a manifest, and no file of an earlier build of the same stage.
 
-    If the contents are not `whole`, write their files and leave all others alone. UsageError if the folder holds a
+    If the contents are not `complete`, write their files and leave all others alone. UsageError if the folder holds a
     build of another stage. EnvironmentFault if it cannot be written or the disk is full, and DamagedBlob if a result
-    vanished from the store after it was made; then the previous build is still whole. EnvironmentFault also if another
-    machine changes the folder at the same time: file locks may not work between machines.
+    vanished from the store after it was made; the previous build is then still complete. EnvironmentFault also if
+    another machine changes the folder at the same time: file locks may not work between machines.
     """
     entries = {path: _entry(source, contents.records) for path, source in sorted(contents.files.items())}
     _check_paths(entries)
@@ -85,7 +85,7 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
     flight = store.single_flight(name_of(out), f"fills {out}")
     with flight, locked(out, say=store.say_waiting) as alone, _disk_errors(out, entries):
         there = manifest.read_of(out, contents.head.get("stage"))
-        if contents.whole:
+        if contents.complete:
             keys = {name: record.key for name, record in contents.records.items()}
             data: bytes | None = manifest.render(contents.head, keys, entries)
         else:
@@ -99,7 +99,7 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Goal:
-    """The contents that a folder is to have, with their digests, and its manifest if it is to have one."""
+    """Intended contents of a folder with their digests, and the manifest if there is to be one."""
 
     contents: Contents
     entries: dict[str, Blob]
@@ -127,7 +127,7 @@ class _Goal:
 
 
 class Folder:
-    """A folder that a build fills. Files of others are never removed, nor written to through a link."""
+    """A folder that a build fills. Files that are not ours are never removed, nor written to through a link."""
 
     def __init__(self, out: Path, warn: Callable[[str], None]) -> None:
         self.out, self.warn = out, warn
@@ -159,8 +159,8 @@ class Folder:
                 if dead or (match and time.time() - folder.lstat().st_mtime > ABANDONED_S):
                     shutil.rmtree(folder, ignore_errors=True)
 
-    def place(self, aside: Path, path: str, *, is_ours: bool) -> None:
-        """Move a file into place, creating folders; what somebody else put there is kept under another name."""
+    def move_in(self, aside: Path, path: str, *, is_ours: bool) -> None:
+        """Move a file into place, creating folders; a foreign file in its way is renamed."""
         target, digest = self.out / path, digest_of(aside)
         for parent in reversed(target.relative_to(self.out).parents[:-1]):
             if _is_no_folder(self.out / parent):
@@ -222,7 +222,7 @@ def _is_no_folder(path: Path) -> bool:
 
 
 def _files_below(out: Path) -> Iterator[str]:
-    """Posix paths of everything below a folder that is not a folder itself; links to folders are not followed."""
+    """POSIX paths of everything below a folder that is not a folder itself; links to folders are not followed."""
     for folder, names, files in os.walk(out):
         links = [name for name in names if Path(folder, name).is_symlink()]
         yield from (os.path.relpath(f"{folder}/{name}", out) for name in files + links)
@@ -230,20 +230,20 @@ def _files_below(out: Path) -> Iterator[str]:
 
 def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
     present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
-    is_whole = goal.contents.whole
+    is_complete = goal.contents.complete
     # A file that is not present is missing, or lies behind a link to a folder and so outside this one.
     changed = [path for path, digest in digests.items() if path not in present or ours.digest(path) != digest]
-    others = sorted(present - digests.keys()) if is_whole else []
-    stale = [path for path in others if path in ours]
-    foreign = [path for path in others if path not in stale]
+    unlisted = sorted(present - digests.keys()) if is_complete else []
+    stale = [path for path in unlisted if path in ours]
+    foreign = [path for path in unlisted if path not in stale]
     if foreign:
         shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
         folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
     if changed or stale or data != goal.manifest:
         _change(folder, ours, goal, changed=changed, stale=stale)
-    ours.keep(goal.note, whole=is_whole)
+    ours.keep(goal.note, complete=is_complete)
     changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
-    return changes if is_whole else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
+    return changes if is_complete else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
 
 
 def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
@@ -260,20 +260,20 @@ def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], 
                 folder.remove(path)
         for number, path in enumerate(changed):
             is_ours = path in ours or ours.digest(path) == goal.digests[path]
-            folder.place(aside / str(number), path, is_ours=is_ours)
+            folder.move_in(aside / str(number), path, is_ours=is_ours)
         if goal.manifest is not None:
             (aside / manifest.NAME).replace(folder.out / manifest.NAME)
 
 
 def _is_begun(path: Path, goal: _Goal) -> bool:
-    """Whether a file is the intended manifest, or a truncated beginning of it, which holds nothing else."""
+    """Whether a file is the intended manifest, or a truncated beginning of it and nothing else."""
     data = read_regular(path)
     return data is not None and (goal.manifest or b"").startswith(data)
 
 
 @contextlib.contextmanager
 def _disk_errors(out: Path, entries: Mapping[str, Blob]) -> Iterator[None]:
-    """Turn errors of the disk, or errors due to other processes in the folder, into an `EnvironmentFault`."""
+    """Turn errors of the disk, or of interference by other processes, into an `EnvironmentFault`."""
     try:
         with machine_errors("write to", out, needed=lambda: sum(entry.size for entry in entries.values())):
             yield

@@ -14,7 +14,7 @@ from pipeline.limits import limits
 
 NAME = "manifest.json"
 Head = Mapping[str, Any]
-"""Facts of a manifest about a build, by name, beside its format, tasks and files."""
+"""Facts of a manifest about a build by name, besides its format, tasks and files."""
 
 FORMAT = 1
 """Version of the manifest: it rises when readers of the old one would misread the new one."""
@@ -24,9 +24,9 @@ _BYTES_PER_FRAME = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
-    """Content of a manifest; empty if none can be read. What it says of `points` is not interpreted here.
+    """Content of a manifest; empty if none can be read. Its `points` are not interpreted here.
 
-    `data` are the bytes of the file, `files` what it states by posix path, `tasks` keys by name.
+    `data` are the bytes of the file, `files` digests by POSIX path, `tasks` keys by name.
     """
 
     data: bytes | None = None
@@ -55,7 +55,7 @@ def read(out: Path) -> Manifest:
 
 
 def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
-    """Bytes of a manifest, which depend on these facts only."""
+    """Bytes of a manifest, determined by these facts alone."""
     facts = {"format": FORMAT, **head, "tasks": tasks, "files": {path: fields_of(blob) for path, blob in files.items()}}
     text = json.dumps(facts, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
     return f"{text}\n".encode()
@@ -76,6 +76,6 @@ def read_of(out: Path, stage: Any) -> Manifest:
 
 
 def is_plain_path(path: str) -> bool:
-    """Whether a name is a relative posix path that stays inside its folder."""
+    """Whether a name is a relative POSIX path that stays inside its folder."""
     parts = path.split("/")
     return all(part not in ("", ".", "..") for part in parts) and "\0" not in path and "\\" not in path

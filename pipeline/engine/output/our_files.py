@@ -1,7 +1,7 @@
-"""Our files in an output folder: those that hold the bytes that we wrote under their names.
+"""Our files in an output folder: those that still hold the bytes that we wrote under their names.
 
-The digests of these bytes are in a note in the store, one for each output folder, with the signatures of the files that
-were read: a file with the same signature is not read again.
+A note in the store, one for each output folder, holds the digests of these bytes and the signatures of the files that
+were read: a file with an unchanged signature is not read again.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ class OurFiles:
     """Our files in one output folder: `path in ours`.
 
     `digests` are those of the bytes that we wrote, by path: one, or two (after and before) if a delivery was
-    interrupted. For a folder that was moved or copied they are taken from its old place.
+    interrupted. For a folder that was moved or copied they are taken from its old location.
     """
 
     def __init__(self, out: Path, store: Store, stage_id: str = "") -> None:
@@ -45,7 +45,7 @@ class OurFiles:
         self._settled_ns = time.time_ns() - _CLOCK_TICK_NS
 
     def require_same_stage(self) -> None:
-        """Refuse a folder that holds files of another stage, by UsageError."""
+        """Refuse a folder that holds files of another stage; UsageError."""
         other = self._note.stage or self._stage
         if other == self._stage or not Path(other).exists():  # a stage that was moved is the same stage
             return
@@ -59,7 +59,7 @@ class OurFiles:
         return path in self.digests and self.digest(path) in self.digests[path]
 
     def digest(self, path: str) -> str | None:
-        """Digest of a file, read once as long as nobody writes to it; None if there is none."""
+        """Digest of a file, read again only after somebody wrote to it; None if there is none."""
         target = f"{self._out}/{path}"
         try:
             now = signature(os.lstat(target))
@@ -70,23 +70,23 @@ class OurFiles:
         return self._read[path][1]
 
     def begin(self, digests: Mapping[str, str]) -> None:
-        """Note the digests of files that are about to be put into place, beside those of our files that are there."""
+        """Note the digests of files that are about to be put into place, beside those of our present files."""
         both = {path: [digest] for path, digest in digests.items()}
         for path, before in self.digests.items():
             both[path] = list(dict.fromkeys([*both.get(path, []), *before]))
         self._write(both)
 
-    def keep(self, digests: Mapping[str, str], *, whole: bool = True) -> None:
-        """Note that the folder holds these bytes; unless they are `whole`, our other files but the manifest, too."""
-        others = {} if whole else {path: known for path, known in self.digests.items() if path != manifest.NAME}
-        self._write({**others, **{path: [digest] for path, digest in digests.items()}})
+    def keep(self, digests: Mapping[str, str], *, complete: bool = True) -> None:
+        """Note that the folder holds these bytes; if they are not `complete`, our other files but the manifest, too."""
+        kept = {} if complete else {path: before for path, before in self.digests.items() if path != manifest.NAME}
+        self._write({**kept, **{path: [digest] for path, digest in digests.items()}})
 
     def _write(self, digests: dict[str, list[str]]) -> None:
         looks = {
-            path: (seen, digest)
-            for path, (seen, digest) in self._read.items()
+            path: (signature, digest)
+            for path, (signature, digest) in self._read.items()
             if digest is not None and digest in digests.get(path, ())
-            if seen[CTIME] < self._settled_ns  # whoever writes to it later changes its signature
+            if signature[CTIME] < self._settled_ns  # whoever writes to it later changes its signature
         }
         note = _Note(stage=self._stage, ours=digests, looks=looks)
         if note != self._note:

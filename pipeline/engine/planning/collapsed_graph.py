@@ -1,4 +1,4 @@
-"""A condensed graph of tasks: tasks that differ only in a number (frame, tile) are one node."""
+"""A condensed graph of tasks: tasks whose names differ only in a number (frame, tile) are one node."""
 
 import re
 from collections import Counter
@@ -14,7 +14,7 @@ _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
 
 @dataclass(slots=True)
 class Node:
-    """A node: one or more tasks, `image/Rig.Camera/*` for all frames, counted by state; it reads other nodes."""
+    """One or more tasks, such as `image/Rig.Camera/*` for all frames, counted by state; it reads other nodes."""
 
     name: str
     states: Counter[str] = field(default_factory=Counter)
@@ -26,7 +26,7 @@ class Node:
 
     @property
     def label(self) -> tuple[str, str]:
-        """Text of the node: its name, and the number of its tasks in each state."""
+        """Label of the node: its name, and the number of its tasks in each state."""
         states = ", ".join(f"{count:,} {state}" for state, count in sorted(self.states.items()))
         return self.name, states
 
@@ -41,7 +41,7 @@ class Node:
 
 
 def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Node]:
-    """The groups, sources before their readers."""
+    """The nodes, sources before their readers."""
     groups: dict[str, Node] = {}
     for task in planned:  # sources first
         name = _collapsed(task.name) if collapse else task.name
@@ -55,7 +55,7 @@ def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool
 
 
 def as_mermaid(groups: list[Node]) -> Iterator[str]:
-    """Lines of a flow chart, as Markdown viewers draw it."""
+    """Lines of a Mermaid flow chart, which Markdown viewers draw."""
     number = {group.name: f"n{index}" for index, group in enumerate(groups)}
     yield "flowchart LR"
     for group in groups:

@@ -1,6 +1,6 @@
 """Description of plans: the tasks that run and the reasons, grouped so that a thousand similar frames take one line.
 
-A reason is described by the edits that caused it, if they are known, else by the changed parameter.
+A reason is described by the edits that caused it, if they are recorded, else by the changed parameter.
 """
 
 import re
@@ -14,7 +14,7 @@ from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 _GROUPS_SHOWN = 5
 """Number of groups of similar tasks for which one task is explained."""
 _REASONS_SHOWN = 6
-"""Number of reasons shown for one task of a plan: a turned board, if its edit is unknown, changes a dozen numbers."""
+"""Number of reasons shown for one task of a plan: a turned board whose edit is not recorded changes a dozen numbers."""
 _SAMPLES_SHOWN = 3
 """Number of time samples shown for one attribute."""
 _PATHS_SHOWN = 4
@@ -22,7 +22,7 @@ _PATHS_SHOWN = 4
 
 
 def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
-    """Lines about a plan: counts, expected work, and of each group of similar tasks the first with its reasons."""
+    """Lines about a plan: counts, expected work, and the first task of each group with its reasons."""
     tasks = list(planned)
     counts = Counter(task.state for task in tasks)
     yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
@@ -39,21 +39,22 @@ def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) ->
 
 
 def _work(to_come: Forecast) -> str:
-    known = f"about {duration(to_come.cpu_seconds)} of processor time, {to_come.rays:.2g} rays"
+    work = f"about {duration(to_come.cpu_seconds)} of processor time, {to_come.rays:.2g} rays"
     if to_come.unknown == to_come.tasks:
-        return f"{known}: a guess by their number, because no task of these kinds has run here"
-    known += f", {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
-    return known + (f"; {to_come.unknown} of a kind that never ran here are guessed" if to_come.unknown else "")
+        return f"{work}: a guess by their number, because no task of these kinds has run here"
+    work += f", {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
+    return work + (f"; {to_come.unknown} of a kind that never ran here are guessed" if to_come.unknown else "")
 
 
 def duration(seconds: float) -> str:
-    """A time in the unit that people would take: 1.6 s, 12 min, 3.4 h."""
+    """A duration in a readable unit: 1.6 s, 12 min, 3.4 h."""
     unit, size = ("h", 3600.0) if seconds >= 3 * 3600 else ("min", 60.0) if seconds >= 120 else ("s", 1.0)
     return f"{seconds / size:.{0 if seconds >= 10 * size else 1}f} {unit}"
 
 
 def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
-    """All reasons of tasks; for tasks with the same reasons the first one and the number of others.
+    """Reasons of all these tasks; tasks with equal reasons are one group, described by its first task and the number of
+    the rest.
 
     Numbers of frames, names and old and new values may differ within such a group.
     """
@@ -74,15 +75,15 @@ def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
     """Lines about one task: its name and state, then at most `most` edits and other reasons."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
     shown = _shown(task)
-    others = [str(reason) for reason in shown if reason.type is not ReasonType.UPSTREAM]
-    lines = [*_lines_of_edits(task.edits), *others, *_lines_of_sources(shown)]
+    remaining = [str(reason) for reason in shown if reason.type is not ReasonType.UPSTREAM]
+    lines = [*_lines_of_edits(task.edits), *remaining, *_lines_of_sources(shown)]
     yield from (f"         {line}" for line in lines[:most])
     if most is not None and len(lines) > most:
         yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"
 
 
 def _lines_of_edits(edits: Iterable[Edit]) -> Iterator[str]:
-    """One line per edit; for many time samples of one attribute the first few and the number of others."""
+    """One line per edit; of many time samples of one attribute, the first few and the number of the rest."""
     groups: dict[str, list[Edit]] = {}
     for edit in edits:
         groups.setdefault(edit.subject, []).append(edit)
@@ -93,7 +94,7 @@ def _lines_of_edits(edits: Iterable[Edit]) -> Iterator[str]:
 
 
 def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
-    """One line per kind of the tasks that must run before: the first one and the number of others."""
+    """One line per kind of the tasks that must run before: the first one and the number of the rest."""
     sources: dict[str, list[str]] = {}
     for reason in reasons:
         if reason.type is ReasonType.UPSTREAM and reason.field:
@@ -103,7 +104,7 @@ def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
 
 
 def _shown(task: PlannedTask) -> list[Reason]:
-    """Reasons that get lines of their own because no edit covers them."""
+    """Reasons that need lines of their own because no edit accounts for them."""
     return [reason for reason in task.reasons if not reason.edits or reason.type is ReasonType.UPSTREAM]
 
 

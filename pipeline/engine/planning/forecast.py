@@ -1,4 +1,4 @@
-"""Forecast of the work of a plan, from earlier runs of its tasks or of others of their kind. It changes no result."""
+"""Forecast of a plan's work, from earlier runs of its tasks or of tasks of the same kind. It changes no result."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -16,7 +16,7 @@ Size = Callable[[str, Params], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Cost of a task, or mean of several; rays are those started, memory the peak of one process."""
+    """Cost of a task, or mean over several; rays are those started, memory the peak of one process."""
 
     cpu_seconds: float
     rays: float
@@ -24,12 +24,12 @@ class Cost:
 
 
 Assumed = Callable[[TaskGraph, str], Cost]
-"""Function from a graph and the name of a task in it to a coarse cost."""
+"""Function from a graph and the name of a task in it to a rough cost."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Costs of all tasks that run or may have to, summed; memory is the largest. Unknown kinds are assumed."""
+    """Total cost of all tasks that run or may have to; memory is the maximum. Kinds that never ran are assumed."""
 
     tasks: int
     unknown: int
@@ -44,7 +44,7 @@ class Forecast:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Past:
-    """Costs of earlier runs: of the same task if it ran before, by its last key, else the mean of its kind."""
+    """Costs of earlier runs: of the task itself if it ran before, by its last key, else the mean of its kind."""
 
     store: Store
     last_keys: Mapping[str, str]
@@ -66,13 +66,13 @@ class Past:
 
 
 def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: Past, assumed: Assumed) -> Forecast:
-    """Sum the costs of all tasks of a plan that are not cached; of kinds that never ran, those that are assumed."""
+    """Sum the costs of all tasks of a plan that are not cached; kinds that never ran count by `assumed`."""
     todo = [task for task in planned if task.state != "cached"]
-    known = [past.cost_of(task, graph[task.name].params) for task in todo]
-    costs = [cost or assumed(graph, task.name) for task, cost in zip(todo, known, strict=True)]
+    estimates = [past.cost_of(task, graph[task.name].params) for task in todo]
+    costs = [cost or assumed(graph, task.name) for task, cost in zip(todo, estimates, strict=True)]
     return Forecast(
         tasks=len(todo),
-        unknown=known.count(None),
+        unknown=estimates.count(None),
         cpu_seconds=sum(cost.cpu_seconds for cost in costs),
         rays=sum(cost.rays for cost in costs),
         peak_bytes=max((cost.peak_bytes for cost in costs), default=0),
@@ -95,7 +95,7 @@ def means_by_kind(runs: Iterable[tuple[str, Run]]) -> dict[str, Cost]:
 
 
 def _seconds(runs: list[Run]) -> float:
-    """Mean processor time of runs, without loading of code; where all count rays, by the median of what a ray took."""
+    """Mean processor time of runs, without loading of code; where all runs count rays, by the median time of a ray."""
     # A busy machine takes up to three times as long for a ray, most often only for a part of a build.
     took = [max(0.0, (run.cpu_seconds or 0.0) - run.loading_seconds) for run in runs]
     if all(run.rays for run in runs):

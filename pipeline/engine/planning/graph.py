@@ -25,15 +25,15 @@ class Task:
     """One piece of work.
 
     `name`: readable, unique in its graph, as `truth/Rig.Camera/0003`; not part of the key.
-    `kind`: `module:function`, or a module whose function is called `run`, which does the work on params, inputs and a
-    folder for outputs. Params are the record that it annotates them with, if it does.
+    `kind`: `module:function`, or a module whose function is called `run`. The function works on params, inputs and a
+    folder for outputs. If its params are annotated with a record, it receives that record.
     `params`: plain values, part of the key.
     `reads`: role -> name of the task whose outputs are read. Roles are part of the key, names are not.
     `together`: tasks of one kind with the same value here have the same inputs and may run together to share work. It
-    is not part of the key, because the outputs are the same. A function that takes them annotates its params as a
-    `Sequence`, and is given as many folders.
-    `after_delivery`: the task reads the output folder, once the files of all that it `reads` are there. It is given
-    that folder instead of their outputs, which are its key all the same.
+    is not part of the key, because the outputs do not depend on it. The function of such tasks annotates its params as
+    a `Sequence`, and receives one folder for each.
+    `after_delivery`: the task reads the output folder, once the files of all tasks that it `reads` are there. It
+    receives that folder instead of their outputs, which still make its key.
     """
 
     name: str
@@ -45,17 +45,17 @@ class Task:
 
     @functools.cached_property
     def canonical(self) -> bytes:
-        """Canonical bytes of the parameters; made when somebody asks, because graphs are also made to be compared."""
+        """Canonical bytes of the parameters, made on demand: many graphs are only compared."""
         return canonical(self.params)
 
     @property
     def short_kind(self) -> str:
-        """The name of its function, or of its module where that has one function."""
+        """Name of the task's function, or of its module if that has one function."""
         return self.kind.replace(":", ".").rpartition(".")[2]
 
 
 class TaskGraph:
-    """Tasks of kinds below certain packages; acyclic, because a task can only read tasks added before it."""
+    """Tasks whose kinds lie in certain packages; acyclic, because a task can only read tasks added before it."""
 
     def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
         self.packages = packages
@@ -65,7 +65,10 @@ class TaskGraph:
     def add(
         self, name: str, kind: str, params: Params, reads: dict[str, str] | None = None, together: str | None = None
     ) -> str:
-        """Add a task and return its name; see `put`."""
+        """Add a task and return its name. Its parameters must not be changed afterwards.
+
+        ValueError if the name exists already, a task that it reads does not, or `kind` is outside the packages.
+        """
         return self.put(Task(name=name, kind=kind, params=params, reads=dict(reads or {}), together=together))
 
     def put(self, task: Task) -> str:
@@ -85,14 +88,14 @@ class TaskGraph:
 
     @classmethod
     def joined(cls, graphs: Mapping[str, "TaskGraph"]) -> "TaskGraph":
-        """The tasks of several graphs of the same packages, each with the name of its graph before its own."""
-        whole = cls(next(iter(graphs.values())).packages)
+        """The tasks of several graphs of the same packages, each prefixed by the name of its graph."""
+        joined = cls(next(iter(graphs.values())).packages)
         for before, graph in graphs.items():
             for task in map(graph.__getitem__, graph):
                 reads = {role: f"{before}/{source}" for role, source in task.reads.items()}
                 together = task.together and f"{before}/{task.together}"
-                whole.put(replace(task, name=f"{before}/{task.name}", reads=reads, together=together))
-        return whole
+                joined.put(replace(task, name=f"{before}/{task.name}", reads=reads, together=together))
+        return joined
 
     def __len__(self) -> int:
         return len(self._graph)
@@ -105,7 +108,7 @@ class TaskGraph:
         return task
 
     def __iter__(self) -> Iterator[str]:
-        """Names in an order in which every task comes after all that it reads; the same on every machine."""
+        """Names in topological order, the same on every machine."""
         if len(self._order) < len(self._graph):
             self._order = list(nx.lexicographical_topological_sort(self._graph))
         return iter(self._order)
@@ -155,7 +158,7 @@ def unpadded(name: str) -> str:
 
 
 def names_like(target: str, names: Iterable[str]) -> str:
-    """A hint for a name that matches nothing: names that begin with the same word, the word nearest to it, or all."""
+    """Hint for a name that matches nothing: names that begin with the same word, the most similar word, or all."""
     word, names = target.split("/")[0], sorted(names)
     words = sorted({name.split("/")[0] for name in names})
     alike = [name for name in names if word in name.split("/")]

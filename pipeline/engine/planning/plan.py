@@ -19,7 +19,7 @@ _LONGEST = 72
 
 
 class ReasonType(enum.StrEnum):
-    """Why a task has to run, or may have to."""
+    """Kind of reason for a task to run, or perhaps to run."""
 
     NEW = "new"
     CHANGED = "changed"
@@ -30,11 +30,12 @@ class ReasonType(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reason:
-    """One reason.
+    """Reason for a task to run.
 
-    `field`: of changed the component of the key (`params.pose`), of missing the output, or `record`, of upstream the
-    task that must run first. `old`, `new`: of changed the component at the last build of this task, and at present.
-    `edits`: those of the source that caused this reason, if they are known, see `app.why`.
+    `field`: for `changed`, the component of the key (`params.pose`); for `missing`, the output, or `record`; for
+    `upstream`, the task that must run first. `old`, `new`: for `changed`, the component at the last build of this task,
+    and now.
+    `edits`: the source edits that caused this reason, if they are recorded; see `app.why`.
     """
 
     type: ReasonType
@@ -60,7 +61,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTask:
-    """A task of a plan: cached, run, or maybe, if early cutoff may save it; then its spec is not known."""
+    """A task of a plan: cached, run, or maybe, if early cutoff may save it; its spec is then undetermined."""
 
     name: str
     kind: str
@@ -102,9 +103,9 @@ class Specs:
             role: {output: blob.sha256 for output, blob in records[source].outputs.items()}
             for role, source in task.reads.items()
         }
-        whole = canonical_dict({**encoded, "params": task.canonical, "inputs": canonical(inputs)})
+        key_bytes = canonical_dict({**encoded, "params": task.canonical, "inputs": canonical(inputs)})
         components = replace(code, params=task.params, inputs=inputs)
-        return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, whole), components=components)
+        return Spec(name=task.name, key=key_of_bytes(KEY_DOMAIN, key_bytes), components=components)
 
 
 def plan(
@@ -128,15 +129,15 @@ def plan(
             planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
-        whole = store.peek(spec.key)
-        record = store.complete(whole)
+        kept = store.peek(spec.key)
+        record = store.complete(kept)
         if record is not None and name not in forced:
             records[name] = record
             planned.append(_planned(task, "cached", spec, []))
             continue
         reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
         if record is None:
-            reasons += _why_missing(spec, name in last_keys, last_record(name), whole, store)
+            reasons += _why_missing(spec, name in last_keys, last_record(name), kept, store)
         planned.append(_planned(task, "run", spec, reasons))
     return planned
 
@@ -159,7 +160,7 @@ def _why_missing(
 
 
 def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
-    """Components that differ, each with its dotted path."""
+    """Differing components, each with its dotted path."""
     if old == new:
         return
     if isinstance(old, dict) and isinstance(new, dict):

@@ -1,6 +1,6 @@
 """Code of a kind of task, as a part of its keys.
 
-The fingerprint covers the module of the kind and all modules of its own package and of this one that it imports,
+The fingerprint covers the module of the kind and every module that it imports from its own package or from this one,
 directly or indirectly, even inside functions. Comments, layout and docstrings do not count; any other edit does.
 Modules of other distributions count by the version of their distribution. Nothing is imported to compute it, so a plan
 loads neither NumPy nor Numba.
@@ -31,7 +31,7 @@ from pipeline.machine.facts import facts
 def versions_of(modules: Iterable[str]) -> dict[str, str]:
     """Versions of the distributions that provide top-level modules, and of all that these require, by name.
 
-    A module that is not installed counts as such: it is an extra, and only what plots or makes data frames needs it.
+    A module that is not installed is listed as such: it is an extra, and only plots or data frames need it.
     """
     distributions = {module: _distribution(module) for module in set(modules)}
     versions = {module: "not installed" for module, name in distributions.items() if name is None}
@@ -93,7 +93,7 @@ def _required(name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Module:
-    """Relevant facts of one source file, from its syntax tree."""
+    """Facts of one source file that the fingerprint needs, from its syntax tree."""
 
     digest: str
     imports: list[str]
@@ -114,15 +114,15 @@ _MANY = 4000
 outdated sources and is started anew.
 """
 _parsed_before: dict[str, _Module] = {}
-"""What was parsed, by this process or earlier ones, by a digest of a module's name and source."""
+"""Modules parsed by this process or by earlier ones, by a digest of a module's name and source."""
 
 
 @contextlib.contextmanager
 def cached_parsing(store: Store) -> Iterator[None]:
-    """Context in which source files are parsed only if no process with this store has parsed them before."""
+    """Context in which each source file is parsed only once by all processes that share a store."""
     note = f"code-{_reader()}"
-    known = store.read_record(dict[str, _Module], "index", note) or {}
-    _parsed_before.update(known if len(known) < _MANY else {})
+    stored = store.read_record(dict[str, _Module], "index", note) or {}
+    _parsed_before.update(stored if len(stored) < _MANY else {})
     before = len(_parsed_before)
     yield
     if len(_parsed_before) > before:
@@ -147,13 +147,13 @@ def module_of(kind: str) -> str:
     return kind.partition(":")[0]
 
 
-def code_of(kind: str, seen: Modules | None = None, machine: Machine = facts) -> Components:
-    """The code of a kind of task here: components of a key, yet without parameters and inputs.
+def code_of(kind: str, visited: Modules | None = None, machine: Machine = facts) -> Components:
+    """Components of a key that state the code of a kind of task, without parameters and inputs.
 
-    `seen` are modules already read, shared between calls: kinds import mostly the same ones. `machine` is by default
+    `visited` are modules already read, shared between calls: kinds import mostly the same ones. `machine` is by default
     this process.
     """
-    reached = _reached(kind, {} if seen is None else seen)
+    reached = _reached(kind, {} if visited is None else visited)
     if module_of(kind) not in reached:
         raise ValueError(f"no source file for the task kind {kind!r}")
     libraries = versions_of({name for other in reached.values() for name in other.foreign})
@@ -173,16 +173,16 @@ def edited(kind: str) -> list[str]:
     return sorted(name for name, module in _reached(kind, {}).items() if module.digest != _first_seen[name])
 
 
-def _reached(kind: str, seen: Modules) -> dict[str, _Module]:
+def _reached(kind: str, visited: Modules) -> dict[str, _Module]:
     reached: dict[str, _Module] = {}
     todo = [module_of(kind)]
     while todo:
         name = todo.pop()
         if name in reached:
             continue
-        if name not in seen:
-            seen[name] = _module(name)
-        if (module := seen[name]) is not None:
+        if name not in visited:
+            visited[name] = _module(name)
+        if (module := visited[name]) is not None:
             reached[name] = module
             _first_seen.setdefault(name, module.digest)
             # Importing a.b.c also runs a.b. The top package only lists public names: its edits change no task.

@@ -1,4 +1,4 @@
-"""The driver loop, the same for every engine: look up results, submit the missing tasks, collect the replies."""
+"""The driver loop, shared by all engines: look up results, submit the missing tasks, collect the replies."""
 
 import contextlib
 import heapq
@@ -21,7 +21,7 @@ from pipeline.machine.processor import pin
 MAX_DEATHS = 3
 """Number of workers that may die in one task before it counts as failed."""
 MAX_COMPANY = 8
-"""Most tasks that run together to share work: with so many the shared part is cheap, and a dying worker costs all of
+"""Most tasks that run together to share work: with eight, the shared part is cheap, and a dying worker costs all of
 them.
 """
 _TICK_S = 0.25
@@ -54,8 +54,8 @@ def run(
 ) -> Outcome:
     """Bring the results of all tasks of a graph into the store.
 
-    Of the options, workers, treatment of failures, and forced tasks (by name) count. An engine that is used instead of
-    theirs is closed at the end. `before` has the tasks of the graph that an earlier run has settled.
+    Of the options, workers, treatment of failures, and forced tasks (by name) are used. An `engine` replaces that of
+    the options, and is closed at the end. `before` has the tasks of the graph that an earlier run has settled.
     """
     if engine is None:
         inline = options.workers <= 1 and options.timeout_s is None and pin()
@@ -139,15 +139,15 @@ class _Driver:
         if self.prepare is not None:
             self.prepare()
             self.prepare = None
-        others = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
-        job = (spec, *(other for other in others if other.components.inputs == spec.components.inputs))
+        companions = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
+        job = (spec, *(other for other in companions if other.components.inputs == spec.components.inputs))
         for each in job:
             self._running[each.name] = job
             self.on_event(Started(task=each.name, kind=self.graph[each.name].short_kind, key=each.key))
         self.engine.submit(job)
 
     def _companions(self, name: str) -> list[str]:
-        """Tasks that share work with one, but not so many that a free worker is left without a task."""
+        """Tasks that share work with this one, but not so many that a free worker is left without a task."""
         together = self.graph[name].together
         is_timed = self.options.timeout_s is not None  # the time of each could not be measured
         if together is None or is_timed or name in self._separately:
@@ -158,7 +158,7 @@ class _Driver:
         return alike[: min(MAX_COMPANY, math.ceil((1 + len(alike)) / idle)) - 1]
 
     def _spec_to_run(self, name: str) -> Spec | None:
-        """The spec of a task that has to run. None if its result exists; then the task is settled."""
+        """The spec of a task that has to run; None if its result exists, and the task is then settled."""
         if not self._is_ready(name):  # queued twice, or an input was lost meanwhile: `_rebuild_inputs` queues it again
             return None
         task = self.graph[name]
@@ -233,7 +233,7 @@ class _Driver:
         self._finish(spec, failed(spec, f"{reply.error}, {MAX_DEATHS} times{hint}", self.store))
 
     def _has_tries_left(self, reply: Reply) -> bool:
-        """Whether a failed task is to be tried again; it counts as one try."""
+        """Whether a failed task is to be tried again; the call counts as one try."""
         if reply.memory and reply.name not in self._alone:
             self._alone.add(reply.name)
             return True
@@ -255,7 +255,7 @@ class _Driver:
                 self._queue_if_ready(reader)
 
     def _rebuild_inputs(self, name: str) -> None:
-        """Make inputs again that were damaged between lookup and use, then try the task once more."""
+        """Remake inputs that were damaged between lookup and use, then try the task once more."""
         self._rebuilt.add(name)
         for source in self.graph.sources(name):
             record = self.outcome.records.get(source)  # none: another reader has had it made again

@@ -30,10 +30,10 @@ Job = tuple[Spec, ...]
 
 
 class Engine(Protocol):
-    """An engine runs jobs. `free` is the number of jobs that it can take now.
+    """An executor of jobs. `free` is the number of jobs that it can take now.
 
-    `wait` returns replies of tasks, those of one job together; a job that waits for another builder, or no longer does,
-    replies with state waiting or begun where the engine knows.
+    `wait` returns replies of tasks, those of one job together. Where the engine can tell, a job that begins to wait for
+    another builder replies with state waiting, and with begun when it goes on.
     """
 
     @property
@@ -44,7 +44,7 @@ class Engine(Protocol):
 
 
 class Inline:
-    """Engine that runs one task after the other in this process."""
+    """Engine that runs tasks one after the other in this process."""
 
     def __init__(self, store: Store, packages: tuple[str, ...]) -> None:
         self._store, self._packages = store, packages
@@ -77,7 +77,7 @@ class _Worker:
 
 
 class Processes:
-    """Engine with worker processes, which import only what their tasks need. A dying worker costs only its task.
+    """Engine with worker processes, which import only the modules of their tasks. A dying worker costs only its task.
 
     A task that takes longer than `timeout_s` fails and is ended with its worker. Time spent waiting for another builder
     does not count.
@@ -100,7 +100,7 @@ class Processes:
         self._send(worker, job)
 
     def wait(self, timeout_s: float) -> list[Reply]:
-        """Replies that arrived within the timeout; maybe none."""
+        """Replies that arrived within the timeout, possibly none."""
         replies: list[Reply] = []
         for ready, _ in self._ready.select(timeout_s):
             worker: _Worker = ready.data
@@ -119,7 +119,7 @@ class Processes:
         return replies + self._overdue()
 
     def _overdue(self) -> list[Reply]:
-        """End workers whose job exceeds the time limit; their replies."""
+        """End workers whose job exceeds the time limit; returns their replies."""
         replies = []
         for worker in list(self._workers):
             if not worker.job or worker.since is None:
@@ -182,8 +182,8 @@ class Processes:
 def serve() -> None:
     """Work as a worker process until the driver closes our standard input: jobs arrive and replies leave as JSON lines.
 
-    A pool of the standard library is not used: it would import the driver's main module again (with typer and the
-    rest), send pickles, and fail all waiting tasks when one worker dies.
+    A pool of the standard library would import the driver's main module again (with typer and the rest), send pickles,
+    and fail all waiting tasks when one worker dies.
     """
     requests, replies = os.dup(0), os.dup(1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)

@@ -1,4 +1,4 @@
-"""Perform tasks in any process: small records in and out; bulk data moves through the store.
+"""Execution of tasks in any process: small records in and out; bulk data moves through the store.
 
 A worker loads no other part of the engine than this module and its imports.
 """
@@ -38,9 +38,9 @@ _REPORT = "this is a bug of ours: please report it with the log and your stage"
 def perform(
     specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None] = lambda: None
 ) -> list[Reply]:
-    """Look up the results of tasks, or compute them; running them twice is harmless.
+    """Look up the results of tasks, or compute them; computing them twice is harmless.
 
-    Several tasks at once are of one kind and have the same inputs: they share work. `begin` is called when no other
+    Several tasks at once are of one kind and have the same inputs: they share work. `begin` is called once no other
     builder computes them.
     """
     start = time.perf_counter()
@@ -174,8 +174,7 @@ def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> Reply:
 def _refuse_other_code(components: Components, store: Store) -> None:
     """Refuse to run a task with other code, libraries or machine than its key states.
 
-    The source may have been edited since the driver read it, and a worker on another machine may have other versions
-    of anything.
+    The source may have been edited since the driver read it, and a worker on another machine may have other versions.
     """
     kind = components.kind
     with cached_parsing(store):
@@ -229,7 +228,7 @@ def _folder_for_outputs(store: Store) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _logging(log: Path, store: Store) -> Iterator[None]:
-    """Send what the task prints to its log: stdout is data of the command, stderr belongs to the progress."""
+    """Send the task's output to its log: stdout is reserved for data of the command, stderr for progress."""
     if not _logs.acquire(blocking=False):  # a task in another thread has redirected the streams of this process
         yield
         return

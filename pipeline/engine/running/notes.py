@@ -1,4 +1,4 @@
-"""Notes in the store about the builds of a project into its folder: losing them changes no result."""
+"""Notes in the store about the builds of a project into its folder. Losing them changes no result."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -25,7 +25,7 @@ class History:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sources:
-    """Sources of a project, each once, and of each task the number of that from which it was last built."""
+    """The distinct sources of a project, and for each task the index of the source that it was last built from."""
 
     sources: tuple[Any, ...] = ()
     of: dict[str, int] = field(default_factory=dict)
@@ -33,7 +33,7 @@ class _Sources:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TaskLog:
-    """The last run of a task: how it ended, its log if it printed anything, and what its record says of it."""
+    """The last run of a task: how it ended, its log if it printed anything, and the run in its record."""
 
     name: str
     key: str | None
@@ -52,15 +52,17 @@ def history_of(project: Project, store: Store) -> History:
 
 def costs_of_others(project: Project, store: Store) -> list[dict[str, Cost]]:
     """Mean costs by kind of task, from the builds of each other project."""
-    others = (store.read_record(History, "history", name) for name in store.notes("history") if name != _name(project))
-    return [history.costs for history in others if history is not None]
+    histories = (
+        store.read_record(History, "history", name) for name in store.notes("history") if name != _name(project)
+    )
+    return [history.costs for history in histories if history is not None]
 
 
-def keep_history(project: Project, store: Store, outcome: Outcome, before: History, *, whole: bool) -> None:
-    """Keep the keys of all finished tasks and what they took, so that the next plan can tell what has changed, and how
-    tasks ended, for `pipeline logs`.
+def keep_history(project: Project, store: Store, outcome: Outcome, before: History, *, complete: bool) -> None:
+    """Keep keys and costs of all finished tasks, so that the next plan can tell what has changed, and the ends of
+    tasks, for `pipeline logs`.
     """
-    keys = {name: key for name, key in before.keys.items() if name in project.graph or not whole}
+    keys = {name: key for name, key in before.keys.items() if name in project.graph or not complete}
     keys |= {name: record.key for name, record in outcome.records.items()}
     runs = [(task.kind, task.made_by) for task in outcome.ran.values() if task.state == "executed" and task.made_by]
     after = History(
@@ -78,13 +80,13 @@ def keep_history(project: Project, store: Store, outcome: Outcome, before: Histo
 
 
 def sources_of(project: Project, *, store: Store | None = None) -> Mapping[str, Any]:
-    """Source of the project at the last build of each task, by its name; under "" that of the last build of any."""
+    """Source of the project at the last build of each task, by task name; under "" that of the last build."""
     note = (store or Store()).read_record(_Sources, "sources", _name(project)) or _Sources()
     return {name: note.sources[number] for name, number in note.of.items()}
 
 
 def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
-    """Keep the source of the project for the tasks that are finished, and older ones as long as other tasks are."""
+    """Keep the source of the project for the finished tasks, and older sources while tasks refer to them."""
     before = sources_of(project, store=store)
     of = {name: source for name, source in before.items() if name in project.graph}
     of |= dict.fromkeys([*finished, ""], project.source)
@@ -99,12 +101,14 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
 
 
 def logs_of(project: Project, target: str) -> list[TaskLog]:
-    """Facts about the last run of tasks that a target names."""
+    """Facts about the last runs of the tasks that match a target."""
     store, logs = Store(), []
     keys, ended = history_of(project, store).keys, _ended(project, store)
     for name in tasks_of(project, target):
-        known = TaskResult(name=name, kind="", state="built" if name in keys else "never built", key=keys.get(name))
-        ending = ended.get(name, known)
+        unrecorded = TaskResult(
+            name=name, kind="", state="built" if name in keys else "never built", key=keys.get(name)
+        )
+        ending = ended.get(name, unrecorded)
         key = ending.key
         record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
         facts = TaskLog(
@@ -121,7 +125,7 @@ def logs_of(project: Project, target: str) -> list[TaskLog]:
 
 
 def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
-    """The ends of the last runs of tasks, by name."""
+    """Ends of the last runs of tasks, by name."""
     return store.read_record(dict[str, TaskResult], "events", _name(project)) or {}
 
 

@@ -13,7 +13,7 @@ from pipeline.records.plain import Json
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """The result of a build; `to_dict()` is what `build --json` prints.
+    """The result of a build; `to_dict()` is the content of `build --json`.
 
     `out`: output folder, absolute.
     `seconds`: wall time of the whole build.
@@ -75,7 +75,7 @@ class Result:
 
     @property
     def untouched(self) -> str | None:
-        """The reason why the output folder was not touched, and what to do; None if it was touched."""
+        """The reason why the output folder was not touched, with a remedy; None if it was touched."""
         if self.delivery is not None or self.error is not None:
             return None
         if self.interrupted:
@@ -86,7 +86,7 @@ class Result:
 
     @property
     def asked(self) -> tuple[str, ...] | None:
-        """Files of a partial delivery; None after a whole one, or none."""
+        """Files of a partial delivery; None if the delivery was complete, or did not happen."""
         return self.delivery.asked if self.delivery is not None else None
 
     @property
@@ -95,7 +95,7 @@ class Result:
         return self.delivery is not None and self.delivery.finished
 
     def to_dict(self) -> Json:
-        """The result as plain data, as `build --json` prints it."""
+        """Plain data, as in `build --json`."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
         whole = {**head, "certificate": self.certificate, "points": self.points}

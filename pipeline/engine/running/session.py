@@ -1,4 +1,4 @@
-"""A build session: run the graph of a project, deliver its files, report what happened; or run one task from a file."""
+"""A build session: run the graph of a project, deliver its files, report the result; or run one task from a file."""
 
 import contextlib
 import dataclasses
@@ -51,7 +51,7 @@ def build(
     """Run the missing tasks and fill the output folder.
 
     Options about reading the stage are ignored here, and so are the interrupts of the caller: a build has its own.
-    `engine` makes one to use instead of that of the options, from a store and the packages of task kinds.
+    `engine` makes an engine from a store and the packages of task kinds, in place of that of the options.
     """
     start = time.perf_counter()
     _require_place(project)
@@ -82,10 +82,10 @@ def build(
 
 @dataclasses.dataclass(kw_only=True)
 class _Build:
-    """A running build: its tasks, their results and what was delivered.
+    """A running build: its tasks, their results and the delivery.
 
-    Tasks `after` delivery read the output folder. The first delivery has the files of all others, and of those whose
-    results are in the store; a second one adds what the rest of them make.
+    Tasks `after` delivery read the output folder. The first delivery has the files of all other tasks, and of those
+    whose results are in the store; a second one adds the files of the rest.
     """
 
     project: Project
@@ -101,8 +101,8 @@ class _Build:
         self.warn, self.history = cache(warner(self.caller.on_event)), history_of(self.project, self.store)
         self.head, self.before = self.project.head, self.graph.before_delivery
         self.after = [name for name in self.graph if name not in self.before]
-        self.is_whole = len(self.graph) == len(self.project.graph)
-        self.known = dict[str, Record]()
+        self.is_complete = len(self.graph) == len(self.project.graph)
+        self.existing = dict[str, Record]()
         if self.caller.prepare is not None:
             self.caller = replace(self.caller, prepare=cache(self.caller.prepare))
 
@@ -116,15 +116,15 @@ class _Build:
             self.outcome.checked, self.outcome.interrupted = tuple(sorted(again.ran)), again.interrupted
             bad = {name: task for name, task in again.ran.items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
-        keep_history(self.project, self.store, self.outcome, self.history, whole=self.is_whole)
+        keep_history(self.project, self.store, self.outcome, self.history, complete=self.is_complete)
         if len(self.outcome.records) == len(self.before):
             specs = Specs(self.store)
             keys = {name: specs.of(self.graph[name], self.outcome.records).key for name in self.after}
             found = {name: self.store.record(key) for name, key in keys.items() if name not in forced}
-            self.known = {name: record for name, record in found.items() if record is not None}
+            self.existing = {name: record for name, record in found.items() if record is not None}
 
     def hand_over(self) -> None:
-        """Fill the output folder; results lost meanwhile are made again."""
+        """Fill the output folder; results that vanished meanwhile are made again."""
         try:
             try:
                 self._fill()
@@ -149,8 +149,8 @@ class _Build:
             self.outcome.results |= ends
             return
         self.outcome = self._run(forced, self.outcome)
-        keep_history(self.project, self.store, self.outcome, self.history, whole=True)
-        made = self.outcome.records.keys() - self.known.keys() - set(self.before)
+        keep_history(self.project, self.store, self.outcome, self.history, complete=True)
+        made = self.outcome.records.keys() - self.existing.keys() - set(self.before)
         assert self.caller.interrupts is not None
         if made:
             with self.caller.interrupts.stopping():
@@ -192,13 +192,13 @@ class _Build:
     def _fill(self) -> None:
         """Deliver the requested files if all of them exist."""
         project, outcome = self.project, self.outcome
-        records = {**outcome.records, **self.known}
+        records = {**outcome.records, **self.existing}
         if not set(self.before) <= records.keys() or outcome.interrupted:
             return
-        missing, whole = set(self.after) - records.keys(), bool(self.after) or not self.options.targets
-        if not whole:
+        missing, complete = set(self.after) - records.keys(), bool(self.after) or not self.options.targets
+        if not complete:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
-        elif self.is_whole:
+        elif self.is_complete:
             files = {path: source for path, source in project.files.items() if source[0] not in missing}
             for fact, places in project.findings.items():
                 blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in places.items()}
@@ -206,7 +206,7 @@ class _Build:
                 self.head = {**self.head, fact: contents}
         else:
             return
-        goal = Contents(files=files, head=self.head, records=records, stage_id=project.stage_id, whole=whole)
+        goal = Contents(files=files, head=self.head, records=records, stage_id=project.stage_id, complete=complete)
         self.delivery = deliver(project.out, goal, self.store, self.warn) if files else None
 
 
@@ -229,7 +229,7 @@ def _require_place(project: Project) -> None:
 
 
 def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | None = None) -> list[PlannedTask]:
-    """Plan what `build` would do with the same options; it raises what `build` would, also about the folder."""
+    """Plan of `build` with the same options; it raises the errors that `build` would, also about the folder."""
     _require_place(project)
     store = store or Store()
     OurFiles(project.out, store, project.stage_id).require_same_stage()
@@ -240,7 +240,7 @@ def plan_of(project: Project, options: BuildOptions = USUAL, *, store: Store | N
 def forecast_of(
     project: Project, planned: Iterable[PlannedTask], size: Size, assumed: Assumed, *, store: Store | None = None
 ) -> Forecast:
-    """Forecast of the work of a plan, from earlier builds of this project and others in the store, else assumed."""
+    """Forecast of a plan's work, from earlier builds of this project and of others in the store, else assumed."""
     store = store or Store()
     history = history_of(project, store)
     kinds = ChainMap(history.costs, *costs_of_others(project, store))
@@ -250,15 +250,17 @@ def forecast_of(
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """State of each file by path (built, missing, or stale: other bytes are there), and whether there is a manifest."""
+    """State of each file by path (built, missing, stale: other bytes are there, or maybe), and whether a manifest
+    exists.
+    """
 
     files: dict[str, str]
     has_manifest: bool
 
 
 def status_of(project: Project) -> Status:
-    """States of files of the output folder: built, if they are as a build of the present stage would leave them, and
-    maybe, if that depends on results that are still to come.
+    """States of the files of the output folder: `built` if a build of the present stage would leave them as they are,
+    `maybe` if that depends on results that are still to come.
     """
     store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}

@@ -9,11 +9,11 @@
     logs/  specs/                output of tasks; specs of failed tasks, to repeat them alone
     history/  sources/           per output folder the keys of the last build, and its source
     events/  index/              the events of the last build, the delivered digests, parsed code:
-                                 losing them does no harm, but then no file of an output folder is known to be ours
+                                 losing them does no harm, but then no file of an output folder counts as ours
 
 Two promises hold. A record returned by `record` has complete blobs. A reader gets the right bytes or a miss, never
-wrong bytes, and never an exception because of a damaged entry. Only entries known to be wrong are deleted; an
-entry that is unreadable at present (no descriptors left, a disk that is not mounted) is a miss and stays in place.
+wrong bytes, and never an exception because of a damaged entry. Only entries proven wrong are deleted; an entry that is
+unreadable at present (no descriptors left, a disk that is not mounted) is a miss and stays.
 """
 
 import contextlib
@@ -62,8 +62,8 @@ def default_root() -> Path:
 class Store(StoreFolder):
     """A store in a folder of a plain file system, by default `default_root()`; many processes may use it at a time.
 
-    `warn` is called with one sentence about every damaged entry and every key with two different results. Methods that
-    lead to bytes raise `DamagedBlob` if these are missing, altered, or changed while they were used.
+    `warn` receives one sentence about every damaged entry and every key with two different results. Methods that lead
+    to bytes raise `DamagedBlob` if these are missing, altered, or changed while they were used.
     """
 
     def __init__(self, root: str | Path | None = None, *, warn: Callable[[str], None] = lambda text: None) -> None:
@@ -73,7 +73,7 @@ class Store(StoreFolder):
     # Blobs
 
     def put_file(self, path: Path) -> Blob:
-        """Store a file of a task: hashed in pieces, then moved, or copied if it has other names."""
+        """Store a file of a task: hash it in chunks, then move it, or copy it if it has other names."""
         facts = path.lstat()
         if not stat.S_ISREG(facts.st_mode):
             raise ValueError(f"{path.name} is not a plain file")
@@ -126,7 +126,7 @@ class Store(StoreFolder):
             raise DamagedBlob(digest)
 
     def is_whole(self, blob: Blob) -> bool:
-        """Whether the store holds exactly these bytes. Anything else under their name goes."""
+        """Whether the store holds exactly these bytes. Anything else under their name is removed."""
         digest = blob.sha256
         path = self._at("blob", digest)
         try:
@@ -161,11 +161,11 @@ class Store(StoreFolder):
         return record
 
     def record(self, key: str) -> Record | None:
-        """The record of a key if it and all its blobs are whole; else None, a miss."""
+        """The record of a key if it and all its blobs are intact; else None, a miss."""
         return self.complete(self.peek(key))
 
     def complete(self, record: Record | None) -> Record | None:
-        """A record returned by `peek` if all its blobs are whole, else None; the record stays until they come back."""
+        """A record returned by `peek` if all its blobs are intact, else None; the record stays until they come back."""
         if record is None or not all(map(self.is_whole, record.outputs.values())):
             return None
         with contextlib.suppress(OSError):  # mark it as used: the collector removes the least recently used first
@@ -199,7 +199,7 @@ class Store(StoreFolder):
             self._write(self.root / folder / f"{name}.json", seal(note))
 
     def read_note(self, folder: str, name: str) -> Any:
-        """The note kept by `write_note`; None if it is missing or damaged."""
+        """The note that `write_note` kept; None if it is missing or damaged."""
         return unseal(read_regular(self.root / folder / f"{name}.json"))
 
     def read_record(self, kind: type[T], folder: str, name: str) -> T | None:
@@ -214,7 +214,7 @@ class Store(StoreFolder):
 
 
 def _parse_record(raw: bytes | None, key: str) -> Record | None:
-    """The record in some bytes; None unless checksum, format and key are right."""
+    """The record in these bytes; None unless checksum, format and key are right."""
     plain = unseal(raw)
     try:
         if plain.pop("format") != _FORMAT:

@@ -1,5 +1,4 @@
-"""The folder of a store: recognising or refusing it, repairing it if something stands in the place of a folder or file,
-writing.
+"""The folder of a store: recognition, repair of misplaced entries, and atomic writing.
 
 Files are written under a temporary name and then renamed, so that nobody ever finds half a file.
 """
@@ -24,7 +23,7 @@ from pipeline.errors import EnvironmentFault
 from pipeline.folders import flaw_of
 
 VERSION = b"plenoptic-pipeline store 1\n"
-"""Content of the file VERSION. A folder without it that is not empty is not a store, and nothing in it is touched."""
+"""Content of the file VERSION. A non-empty folder without it is not a store, and nothing in it is touched."""
 
 _TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
 
@@ -39,7 +38,7 @@ ABANDONED_S = 86400.0
 """Age after which a workspace of another machine counts as abandoned [s]: locks may not work between machines."""
 
 _WORKSPACE = re.compile(r"(?P<host>.+)-\d+-[0-9a-f]{32}")
-"""Names in `tmp/`, `<machine>-<pid>-<32 hex digits>`; machines may have dashes, and nothing else in it is touched."""
+"""Names in `tmp/`, `<machine>-<pid>-<32 hex digits>`; machine names may have dashes. Nothing else in it is touched."""
 _SUFFIXES = {"record": ".json", "log": ".log", "spec": ".json"}
 
 
@@ -75,7 +74,7 @@ class StoreFolder:
         return f"{self.root}/{_TABLES[table]}/{name[:2]}/{name}{_SUFFIXES.get(table, '')}"
 
     def single_flight(self, key: str, doing: str) -> AbstractContextManager[bool]:
-        """Hold the lock of a key, so that it is computed once; `doing` tells those who wait."""
+        """Hold the lock of a key, so that it is computed once; `doing` is reported to waiting processes."""
         return locked(self.file_for("lock", key), doing=doing, say=self.say_waiting)
 
     def in_use(self) -> AbstractContextManager[bool]:
@@ -87,7 +86,7 @@ class StoreFolder:
         return locked(path, timeout_s=60.0, shared=True, say=self.say_waiting)
 
     def file_for(self, table: str, name: str) -> Path:
-        """Path of a lock or log file, present or future; anything else in its place goes."""
+        """Path of a lock or log file, existing or not; anything else at that path is moved away."""
         path = self.path(table, name)
         if is_no_file(path):
             self._clear(path)
@@ -135,7 +134,7 @@ class StoreFolder:
                             yield name, entry.stat(follow_symlinks=False)
 
     def _make(self, folder: Path) -> None:
-        """Make a folder of the store, also where something else is in its place."""
+        """Make a folder of the store, moving away anything else at its path."""
         if not folder.is_dir():
             try:
                 folder.mkdir(parents=True, exist_ok=True)
@@ -156,7 +155,7 @@ class StoreFolder:
         aside.replace(final)
 
     def _clear(self, path: Path) -> None:
-        """Take away what stands in the place of an entry, a folder or a file of the store, if it exists and we may.
+        """Move away whatever occupies the path of an entry, a folder or a file of the store, if we may.
 
         A damaged entry, recognised by its name, and an empty folder are deleted. Anything else may be somebody's, and
         is renamed.
@@ -177,7 +176,7 @@ class StoreFolder:
         self.warn(f"damaged entry of the store, {done}: {path}")
 
     def _mend(self) -> None:
-        """Take away everything that stands in the place of a folder or file of the store."""
+        """Move away everything that occupies the path of a folder or file of the store."""
         for path in tuple(_misplaced(self.root)):
             self._clear(path)
 
@@ -205,7 +204,7 @@ def _require_store(root: Path) -> None:
 
 
 def store_around(path: Path) -> Path | None:
-    """The store that a folder is or lies in, with links followed; None if there is none."""
+    """The store that is this folder or contains it, with links followed; None if there is none."""
     real = Path(os.path.realpath(path))
     return next(
         (folder for folder in (real, *real.parents) if read_regular(folder / "VERSION", len(VERSION)) == VERSION), None
