@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import functools
 import os
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from typing import Unpack
 
 import pipeline
 from pipeline.engine.events import Compiling, Emit, silent, warner
+from pipeline.engine.files import machine_errors
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.locks import locked
 from pipeline.engine.options import USUAL, BuildKeywords, BuildOptions, Caller
@@ -27,8 +27,7 @@ from pipeline.engine.running.result import Result
 from pipeline.errors import UsageError
 from pipeline.graph.dataset_graph import graph_of
 from pipeline.graph.variants import folder_of, on_device, only_images, preview_of, without_pictures
-from pipeline.jit.decorators import cache_folder
-from pipeline.jit.files import closed, is_whole, make_folder
+from pipeline.jit.files import cache_folder, count, make_folder, ready, set_ready
 from pipeline.jit.waits import before_compiling
 from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
@@ -61,8 +60,6 @@ _STEP_OF_KIND = {
     "fixed_pattern": "sensor",
 }
 _NOT_FLAT = {"warped", "height-map", "cylinder", "mesh"}
-_LAST = "all"
-"""Last line of a list of kernels: one that was cut off has none."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
 
@@ -217,27 +214,23 @@ def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: E
 
 
 def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, workers: int = 1) -> None:
-    """Compile the kernels of steps that are missing or damaged in the cache, so that workers need not compile them.
+    """Compile the kernels of steps that are missing in the cache, so that workers need not compile them.
 
-    With more than one worker two other processes share the work. A list beside the kernels names them. If several
-    processes start together, one compiles and the others wait. Raises EnvironmentFault where the disk is full.
+    With more than one worker two other processes share the work. If several processes start together, one compiles and
+    the others wait. Raises EnvironmentFault where the disk is full.
     """
     before_compiling.clear()  # it would wait for this
-    folder, warn = cache_folder(), warner(on_event)
-    if ready(folder).issuperset(steps):
+    if ready(cache_folder()).issuperset(steps):
         return
-    make_folder(folder)
-    listed = folder / f"{'-'.join(steps)}.txt"
-    with _told(folder, steps, workers, on_event), locked(folder / "lock", doing="compiles kernels", say=warn):
-        if not ready(folder).issuperset(steps):
-            # If the list exists, few kernels are damaged.
-            names = _compiled_apart(steps) if workers > 1 and not listed.exists() else None
-            if names is None:
-                from pipeline.app.compile_kernels import compile_kernels
+    with machine_errors("keep compiled kernels in", cache_folder()):
+        folder, warn = make_folder(), warner(on_event)
+        with _told(folder, steps, workers, on_event), locked(folder / "lock", doing="compiles kernels", say=warn):
+            if not ready(folder).issuperset(steps):
+                if workers == 1 or not _compiled_apart(steps):
+                    from pipeline.app.compile_kernels import compile_kernels
 
-                names = compile_kernels(steps)
-            with contextlib.suppress(OSError):  # a folder that is read-only; `jit.files` has said so
-                listed.write_text("\n".join([*sorted(names), _LAST]), encoding="utf-8")
+                    compile_kernels(steps)
+                set_ready(folder, steps)
 
 
 def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
@@ -255,16 +248,16 @@ def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
 def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
     """A context whose wait is told at once and every second, whichever process compiles."""
     done, ended, start = ready(folder), threading.Event(), time.monotonic()
-    count = max(1, sum(_KERNELS[step] for step in steps if step not in done))
-    begun, known = closed(folder), _TRUST * count
+    wanted = max(1, sum(_KERNELS[step] for step in steps if step not in done))
+    begun, known = count(folder), _TRUST * wanted
     before = begun if done else 0  # else those are of a process that compiles now, or that was ended
 
     def tell() -> None:
         while True:
-            there = closed(folder)
-            share = min((there - before) / count, 0.99)
+            there = count(folder)
+            share = min((there - before) / wanted, 0.99)
             taken_s = time.monotonic() - start + known * _KERNEL_S / min(workers, 2)
-            left_s = (1 - share) * count * taken_s / (there - begun + known)
+            left_s = (1 - share) * wanted * taken_s / (there - begun + known)
             on_event(Compiling(share=share, seconds_left=round(left_s, 1)))
             if ended.wait(1.0):
                 return
@@ -275,32 +268,19 @@ def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) ->
         yield
 
 
-def _compiled_apart(steps: tuple[str, ...]) -> set[str] | None:
-    """Folders of kernels that two processes compiled; None if anything is wrong, which this process then meets."""
-    environment, nothing, pipe = {**os.environ, **settings()}, subprocess.DEVNULL, subprocess.PIPE
+def _compiled_apart(steps: tuple[str, ...]) -> bool:
+    """Whether two processes have compiled the kernels of steps; if anything is wrong, this process then meets it."""
+    environment, nothing = {**os.environ, **settings()}, subprocess.DEVNULL
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
         processes = []
         for share in ("0", "1"):
             asked = command("pipeline.app.compile_kernels:compile_apart", share, *steps)
-            process = subprocess.Popen(
-                asked, env=environment, stdin=nothing, stdout=pipe, start_new_session=True, text=True
-            )
+            process = subprocess.Popen(asked, env=environment, stdin=nothing, stdout=nothing, start_new_session=True)
             processes.append(last.enter_context(process))
             last.callback(process.kill)
-        names = [name for process in processes for name in process.communicate()[0].split()]
-        return None if any(process.returncode for process in processes) else set(names)
-    return None
-
-
-def ready(folder: Path) -> set[str]:
-    """Steps whose kernels in a folder are all there, and as they were closed."""
-    is_there = functools.cache(lambda name: is_whole(folder / name))
-    found = set[str]()
-    for listed in folder.glob("*.txt"):
-        with contextlib.suppress(OSError, ValueError):
-            *names, end = listed.read_text(encoding="utf-8").split("\n")
-            found |= {*listed.stem.split("-")} if end == _LAST and all(map(is_there, names)) else set()
-    return found
+        codes = [process.wait() for process in processes]
+        return not any(codes)
+    return False
 
 
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:

@@ -21,7 +21,6 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.entry_points import offered, plugged_in
-from pipeline.jit.files import opened
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
@@ -44,8 +43,8 @@ class Part(NamedTuple):
     call: Callable[[], object]
 
 
-def compile_kernels(steps: Iterable[str], share: int | None = None) -> set[str]:
-    """Call every kernel of these steps once, with the types that real tasks use; the names of their folders.
+def compile_kernels(steps: Iterable[str], share: int | None = None) -> None:
+    """Call every kernel of these steps once, with the types that real tasks use.
 
     `share`: 0 or 1, that of one of two processes.
     """
@@ -58,7 +57,6 @@ def compile_kernels(steps: Iterable[str], share: int | None = None) -> set[str]:
             part.call()
     finally:
         gc.enable()
-    return opened
 
 
 def shares(parts: Sequence[Part]) -> tuple[list[Part], list[Part]]:
@@ -70,12 +68,12 @@ def shares(parts: Sequence[Part]) -> tuple[list[Part], list[Part]]:
 
 
 def compile_apart() -> NoReturn:
-    """Compile steps and print the names of the folders. Arguments: 0 or 1, which share of them, and the steps.
+    """Compile steps. Arguments: 0 or 1, which share of them, and the steps.
 
     The process ends at once: to free one by one what the compiler has left takes seconds.
     """
     sys.excepthook = lambda *error: None  # whoever started this process meets the error, too: see `_compiled_apart`
-    print(*compile_kernels(sys.argv[2:], int(sys.argv[1])), sep="\n", flush=True)
+    compile_kernels(sys.argv[2:], int(sys.argv[1]))
     os._exit(0)
 
 

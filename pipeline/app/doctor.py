@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.app.build import STEPS, ready
+from pipeline.app.build import STEPS
 from pipeline.engine.files import nearest_existing
 from pipeline.engine.maintenance import limit_from_environment
 from pipeline.engine.options import USUAL
@@ -19,7 +19,7 @@ from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.store.store import Store, default_root
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.folders import share
-from pipeline.jit.decorators import cache_folder
+from pipeline.jit.files import cache_folder, ready
 from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import level
 from pipeline.spelling import human

@@ -5,30 +5,19 @@ Kernels are nogil float64 without fastmath (which would let the compiler assume 
 parallel sums (which would depend on the number of threads).
 """
 
-import ast
-import contextlib
 import ctypes
 import functools
-import hashlib
 import os
 import pickle
-import re
-import sys
 import threading
-from collections.abc import Iterable, Iterator
-from pathlib import Path
 from typing import Any
 
-from pipeline.folders import user_cache
-from pipeline.jit.files import is_whole, locked, no_full_disk, open_folder, seal
+from pipeline.jit.files import cache_folder, held, make_folder, ready
 from pipeline.jit.waits import before_compiling
 from pipeline.jit.work import calling, loading, work
-from pipeline.machine.processor import level, settings_of_numba
+from pipeline.machine.processor import settings_of_numba
 
 _LOCK = threading.RLock()
-_TOLD = "PIPELINE_KERNEL_SOURCES"
-_PACKAGE = Path(__file__).resolve().parents[1]
-_DECORATED = re.compile(rb"^@(kernel|opaque|unit|inline)$", re.MULTILINE)
 _OF_KIND: dict[str, dict[str, Any]] = {
     "kernel": {"cache": True, "no_cfunc_wrapper": True},
     "unit": {"no_cpython_wrapper": True, "no_cfunc_wrapper": True},
@@ -43,68 +32,6 @@ _thread = threading.local()
 """`fault`: what kept this thread from compiling a function that it came to."""
 
 
-def cache_folder() -> Path:
-    """Folder of compiled kernels: $PIPELINE_JIT_CACHE, or `jit/` in the user's cache folder.
-
-    Keyed by all sources that kernels reach: a callee in another file may change, or a constant, which is compiled in.
-    Numba compares times of sources, too, so that a copy of this package has kernels of its own. Where the folder of
-    another user lies under the same name, ours is named after us: code of others is not run.
-    """
-    home = os.environ.get("PIPELINE_JIT_CACHE")
-    folder = (Path(home) if home else user_cache() / "jit") / _digest_of_this()
-    with contextlib.suppress(OSError):
-        if folder.lstat().st_uid not in (os.geteuid(), 0):
-            return folder.with_name(f"{folder.name}-{os.geteuid()}")
-    return folder
-
-
-@functools.cache
-def _digest_of_this() -> str:
-    """Digest of our sources, which processes that we start are told: to compare bytes takes a tenth of the time."""
-    sources = _digest_of(_PACKAGE.rglob("*.py"))
-    told, _, digest = os.environ.get(_TOLD, "").partition(" ")
-    if told != sources:
-        digest = _digest_of(_reached())[:16]
-        os.environ[_TOLD] = f"{sources} {digest}"
-    return digest
-
-
-def _digest_of(paths: Iterable[Path]) -> str:
-    """Digest of files, with their places and times, and of what compiles them."""
-    from importlib.metadata import version
-
-    compilers = " ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite"))
-    digest = hashlib.sha256(f"{sys.version} {level()} {compilers}".encode())
-    for path in sorted(paths):
-        body = path.read_bytes()
-        digest.update(f"\0{path} {path.stat().st_mtime_ns} {len(body)}\0".encode() + body)
-    return digest.hexdigest()
-
-
-def _reached(package: Path = _PACKAGE) -> set[Path]:
-    """Files with kernels, and those from whose modules their globals may come."""
-    reached: set[Path] = set()
-    todo = [path for path in package.rglob("*.py") if _DECORATED.search(path.read_bytes())]
-    while todo:
-        path = todo.pop()
-        if path not in reached and path.is_file():
-            reached.add(path)
-            todo += _imported(ast.parse(path.read_bytes()), package)
-    return reached
-
-
-def _imported(tree: ast.Module, package: Path) -> list[Path]:
-    """Files of the modules that a module's globals may come from, and some that are not there."""
-    names = []
-    for node in tree.body:
-        if isinstance(node, ast.Import):
-            names += [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            names += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-    places = [package.parent / name.replace(".", "/") for name in names if name.startswith("pipeline.")]
-    return [file for place in places for file in (place.with_suffix(".py"), place / "__init__.py")]
-
-
 class Kernel:
     """A function that Numba compiles when it is first called, from Python or from a kernel that is compiled itself."""
 
@@ -112,8 +39,7 @@ class Kernel:
         functools.update_wrapper(self, function)
         self.name: str = function.__name__
         self.function, self._kind, self._compiled = function, kind, None
-        self.folder, self._home = Path(), f"{function.__module__}.{function.__qualname__}-{kind}"
-        self._sealed, self._addresses = 0, dict[Any, int]()
+        self._home, self._addresses = f"{function.__module__}.{function.__qualname__}", dict[Any, Any]()
         if kind == "opaque":
             _opaque[self._home] = self
             if _numba.cache_info().currsize:  # a module that comes later
@@ -126,21 +52,17 @@ class Kernel:
             with loading(), _LOCK:  # workers with several threads: one dispatcher, one compilation
                 if self._compiled is None:
                     options = {"nogil": True, "error_model": "numpy", **_OF_KIND[self._kind]}
-                    with self._kept() if self._kind == "kernel" else contextlib.nullcontext():
-                        self._compiled = _numba().njit(**options)(self.function)
+                    self._compiled = _numba().njit(**options)(self.function)
         return self._compiled
 
-    def address(self, types: Any) -> int:
+    def address(self, types: Any) -> Any:
         """Address of an opaque function for arguments of these types of Numba, as C would call it."""
-        with loading(), _LOCK, no_full_disk(cache_folder()):
+        with loading(), _LOCK:
             if types not in self._addresses:
-                numba = _numba()
-                with self._kept(), locked(self.folder):
-                    code = numba.cfunc(self._result(*types), cache=True, error_model="numpy")(self.function)
-                    if not code.cache_hits:
-                        seal(self.folder)
-                self._addresses[types] = code.address
-            return self._addresses[types]
+                compiling = _numba().cfunc(self._result(*types), cache=True, error_model="numpy")
+                with held(self._home):
+                    self._addresses[types] = compiling(self.function)
+            return self._addresses[types].address
 
     @property
     def _result(self) -> Any:
@@ -148,45 +70,25 @@ class Kernel:
         types = _numba().types
         return types.float64 if self.function.__annotations__.get("return") is float else types.none
 
-    @contextlib.contextmanager
-    def _kept(self) -> Iterator[None]:
-        """Open the folder of the code; Numba asks for it when it makes a function that it may keep."""
-        self.folder = open_folder(cache_folder() / self._home)
-        config = _numba().config
-        usual, config.CACHE_DIR = config.CACHE_DIR, str(self.folder)
-        try:
-            yield
-        finally:
-            config.CACHE_DIR = usual
-
     def __call__(self, *arguments: Any) -> Any:
-        while before_compiling and self._compiled is None and not is_whole(cache_folder() / self._home):
-            before_compiling.pop()()
+        if before_compiling:
+            explain = before_compiling.pop()
+            if not ready(cache_folder()):
+                explain()
         with calling(self.name):
-            driver = self._driver
-            dispatcher = driver.compiled
+            dispatcher = self._driver.compiled
             if not dispatcher.overloads:
-                with loading(), _LOCK, no_full_disk(cache_folder()), locked(driver.folder):
+                with loading(), _LOCK, held(self._home):
                     dispatcher.compile(tuple(map(_numba().typeof, arguments)))
-                    driver._seal()
             result = dispatcher(*arguments)
             if fault := _thread.__dict__.pop("fault", None):
                 raise fault
-            driver._seal()  # types were new
             return result
 
     @functools.cached_property
     def _driver(self) -> "Kernel":
         """The kernel for Python; a copy of one that kernels call, which only tests ask for."""
         return self if self._kind == "kernel" else Kernel(self.function, "kernel")
-
-    def _seal(self) -> None:
-        """Close the folder of the code if Numba has put more there."""
-        known = len(self.compiled.overloads)
-        if known != self._sealed:
-            self._sealed = known
-            if self.compiled.stats.cache_misses:
-                seal(self.folder)
 
     def count(self, rays: int, surfaces: int) -> None:
         """Note that calls of this kernel, in this thread, have started so many rays through so many surfaces."""
@@ -235,10 +137,14 @@ def borrowed(value: Any) -> Any:
 
 @functools.cache
 def _numba() -> Any:
-    os.environ.update(settings_of_numba())  # again, for programs that loaded NumPy before this package
+    # Settings again, for programs that loaded NumPy before this package.
+    places = {"NUMBA_CACHE_DIR": str(make_folder()), "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    os.environ.update(settings_of_numba() | places)
     import llvmlite.binding
     import numba
     from numba import extending, types
+
+    numba.config.reload_config()  # for programs that loaded Numba before
 
     class KernelType(types.Dispatcher):
         """Type of a kernel that another one calls. It is compiled for numbers, and not once more for 0 and 1."""

@@ -1,32 +1,36 @@
-"""Folders of compiled kernels, one for each kernel, closed by digests of what Numba has put there.
+"""The folder of compiled kernels: of one user, for one state of all that kernels are made of.
 
-Numba's cache believes whatever it finds: a file that lost its end breaks every build for ever, and one that somebody
-else wrote is executed. So a process opens the folder of a kernel once, before Numba does. What is not as its digests
-say, or may be another user's, is thrown away whole, and the kernel is compiled again.
+Numba keeps the code there, and executes what it finds, so a folder in which others may have put something is not used.
+Numba writes each file under another name first: a process that is killed leaves none half written.
 """
 
+import atexit
 import contextlib
-import errno
 import fcntl
 import functools
 import hashlib
 import os
+import pickle
+import re
 import shutil
 import stat
 import sys
 import tempfile
-import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from pipeline.errors import EnvironmentFault
+from pipeline.folders import user_cache
+from pipeline.machine.processor import level
 
-_DIGESTS = "SHA256SUMS"
-"""Name of the file that `sha256sum -c` understands."""
+_HOME = "PIPELINE_JIT_CACHE"
+_PACKAGE = Path(__file__).resolve().parents[1]
+_DECORATED = re.compile(rb"^@(kernel|opaque|unit|inline)$", re.MULTILINE)
+_IMPORTED = re.compile(rb"^(?:from|import) (pipeline[\w.]*)", re.MULTILINE)
+_READY = ".ready"
+"""Ending of a file's name that says which kernels are all there."""
 
 _warned: set[str] = set()
-opened: set[str] = set()
-"""Names of the folders that this process has opened."""
 
 
 def say(text: str) -> None:
@@ -36,114 +40,109 @@ def say(text: str) -> None:
         print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
-def open_folder(folder: Path) -> Path:
-    """A folder for the code of a kernel, with code that can be trusted or none; EnvironmentFault if the disk is full.
+def cache_folder() -> Path:
+    """Folder of compiled kernels, below $PIPELINE_JIT_CACHE or `jit/` in the user's cache folder; it may not be there.
 
-    Numba needs a folder that it can write to, so that a temporary one stands in for one that is read-only, with a copy
-    of its code.
+    Its name is a digest of all sources that kernels reach, because a callee in another file may change, or a constant,
+    which is compiled in. Numba keeps kernels by the place of their source, so that a copy of this package has its own.
+    Where another user has a folder of that name, ours is named after us.
     """
-    opened.add(folder.name)
-    make_folder(folder.parent)
-    if _is_private(folder.parent):
-        with contextlib.suppress(OSError), no_full_disk(folder), locked(folder):
-            is_new = _is_private(folder) and not any(folder.rglob("*.nb?"))
-            if os.path.lexists(folder) and not is_new and not is_whole(folder):
-                if not folder.is_dir() or (folder / _DIGESTS).is_file():  # else a process was killed that compiled
-                    say(f"the compiled kernel {folder} is damaged; it is compiled again")
-                aside = _aside(folder, "damaged")
-                folder.rename(aside)
-                shutil.rmtree(aside) if aside.is_dir() and not aside.is_symlink() else aside.unlink()
-            folder.mkdir(mode=0o700, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            return folder
-    stand_in = Path(_temporary().name) / folder.name
-    if is_whole(folder):
-        shutil.copytree(folder, stand_in, dirs_exist_ok=True)
+    home = os.environ.get(_HOME)
+    folder = (Path(home) if home else user_cache() / "jit") / _digest()
+    with contextlib.suppress(OSError):
+        if folder.lstat().st_uid not in (os.geteuid(), 0):
+            return folder.with_name(f"{folder.name}-{os.geteuid()}")
+    return folder
+
+
+def make_folder() -> Path:
+    """Make the folder of compiled kernels, for this user alone.
+
+    Where that cannot be, a temporary one stands in, for this process and those that it starts, with a copy of what may
+    be read: Numba takes no code from a folder that it cannot write to.
+    """
+    folder = cache_folder()
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if _is_private(folder) and os.access(folder, os.W_OK):
+        return folder
+    home = Path(tempfile.mkdtemp(prefix="kernels-"))
+    atexit.register(shutil.rmtree, home, ignore_errors=True)
+    stand_in = home / folder.name
+    if _is_private(folder):
+        shutil.copytree(folder, stand_in)
     else:
         say(
-            f"cannot keep compiled kernels in {folder.parent}, so every process compiles them; "
-            "set PIPELINE_JIT_CACHE to a folder that you may write to"
+            f"cannot keep compiled kernels in {folder}, so that each run compiles them; "
+            f"set {_HOME} to a folder that is yours alone and that you may write to"
         )
-        stand_in.mkdir(exist_ok=True)
+        stand_in.mkdir()
+    os.environ[_HOME] = str(home)
     return stand_in
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Hold the folder of a kernel while code is put into it: others wait, and then load what they would have compiled.
+def held(kernel: str) -> Iterator[None]:
+    """Hold a kernel while it is compiled or loaded: other processes wait, and then load what they would have compiled.
 
-    Numba's index is not made for two processes that save at a time. Callers are held before what they call, so that
-    nobody waits in a circle. Without locks, as on some network file systems, nothing is held.
+    Numba would mix up the code of two processes that save a kernel for other types at a time. Without locks, as on some
+    network file systems, nothing is held. EnvironmentFault where the power failed before code was on the disk.
     """
+    folder = cache_folder()
     with contextlib.ExitStack() as last:
         with contextlib.suppress(OSError):
-            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+            handle = os.open(folder / f"{kernel}.lock", os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
             last.callback(os.close, handle)
             fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
+        try:
+            yield
+        except (EOFError, pickle.UnpicklingError) as error:
+            raise EnvironmentFault(
+                f"the compiled kernel {kernel} is damaged: {error}",
+                hint=f"remove {folder}; it is made again",
+            ) from error
 
 
-def seal(folder: Path) -> None:
-    """Close a folder in which Numba has put code; without it, whoever opens the folder throws that away."""
-    with contextlib.suppress(FileNotFoundError), no_full_disk(folder):  # thrown away by a process that came between
-        aside = _aside(folder / _DIGESTS, "new")
-        aside.write_text(_digests(folder), encoding="utf-8")
-        aside.replace(folder / _DIGESTS)
+def ready(folder: Path) -> set[str]:
+    """Names under which kernels were said to be all there."""
+    return {path.stem for path in folder.glob(f"*{_READY}")}
 
 
-def closed(folder: Path) -> int:
-    """Number of the kernels in a folder that are there and closed."""
-    return len(list(folder.glob(f"*/{_DIGESTS}")))
+def set_ready(folder: Path, names: Iterable[str]) -> None:
+    """Say under some names that their kernels are all there."""
+    for name in names:
+        (folder / f"{name}{_READY}").touch()
 
 
-def is_whole(folder: Path) -> bool:
-    """Whether only this user can have put anything into a folder, and it holds what it was closed with."""
-    try:
-        private = _is_private(folder.parent) and _is_private(folder)
-        return private and _digests(folder) == _read(folder / _DIGESTS).decode()
-    except (OSError, ValueError):
-        return False
+def count(folder: Path) -> int:
+    """Number of the kernels in a folder."""
+    return sum(1 for _ in folder.glob("*/*.nbi"))
 
 
-def make_folder(folder: Path) -> None:
-    """Make the folder of all kernels, for this user alone; EnvironmentFault if the disk is full.
+@functools.cache
+def _digest() -> str:
+    """Digest of the sources that kernels reach, with their place, and of what compiles them."""
+    from importlib.metadata import version
 
-    What is there and no folder of ours gets another name.
-    """
-    with contextlib.suppress(OSError), no_full_disk(folder):
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        if os.path.lexists(folder) and not _is_private(folder) and folder.lstat().st_uid == os.geteuid():
-            damaged = folder.rename(_aside(folder, "damaged"))
-            say(f"{folder} was no folder for you alone, and is now {damaged.name}; kernels are compiled again")
-        folder.mkdir(mode=0o700, exist_ok=True)
-
-
-@contextlib.contextmanager
-def no_full_disk(folder: Path) -> Iterator[None]:
-    """Raise EnvironmentFault where the disk of compiled kernels is full."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise
-        free = shutil.disk_usage(next(place for place in (folder, *folder.parents) if place.is_dir())).free
-        raise EnvironmentFault(
-            f"cannot keep compiled kernels in {folder}: {error.strerror}",
-            hint=f"{free:,} bytes are free; PIPELINE_JIT_CACHE names another folder",
-        ) from error
+    compilers = " ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite"))
+    digest = hashlib.sha256(f"{sys.version} {level()} {compilers}".encode())
+    for path, source in sorted(_reached(_PACKAGE).items()):
+        digest.update(f"\0{path}\0{len(source)}\0".encode() + source)
+    return digest.hexdigest()[:16]
 
 
-def _digests(folder: Path) -> str:
-    """A line for each file that Numba would read."""
-    paths = sorted(Path(place) / name for place, _, names in os.walk(folder) for name in names)
-    code = [path for path in paths if path.suffix in (".nbi", ".nbc")]
-    return "".join(f"{hashlib.sha256(_read(path)).hexdigest()}  {path.relative_to(folder)}\n" for path in code)
-
-
-def _read(path: Path) -> bytes:
-    """Bytes of a file, not by way of a link; none of a pipe."""
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as stream:
-        return stream.read() if stat.S_ISREG(os.fstat(stream.fileno()).st_mode) else b""
+def _reached(package: Path) -> dict[Path, bytes]:
+    """Files with kernels, and those from whose modules their globals may come; all of a package that is imported."""
+    sources = {path: path.read_bytes() for path in package.rglob("*.py")}
+    reached, todo = dict[Path, bytes](), [path for path, source in sources.items() if _DECORATED.search(source)]
+    while todo:
+        path = todo.pop()
+        if path in sources and path not in reached:
+            reached[path] = sources[path]
+            for name in _IMPORTED.findall(sources[path]):
+                place = package.parent / name.decode().replace(".", "/")
+                todo += [place.with_suffix(".py"), *place.glob("*.py")]
+    return reached
 
 
 def _is_private(folder: Path) -> bool:
@@ -154,13 +153,3 @@ def _is_private(folder: Path) -> bool:
         return False
     ours = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
     return ours and stat.S_ISDIR(facts.st_mode)
-
-
-@functools.cache
-def _temporary() -> "tempfile.TemporaryDirectory[str]":
-    """A folder of this process, removed when it ends."""
-    return tempfile.TemporaryDirectory(prefix="kernels-")
-
-
-def _aside(path: Path, why: str) -> Path:
-    return path.with_name(f"{path.name}.{uuid.uuid4().hex}.{why}")

@@ -1,5 +1,5 @@
-"""Compiled kernels are kept under a digest of all sources that can change them, and used only if they are whole. While
-one runs, other threads go on, such as a worker's heartbeat; times of loading and of calls do not mix.
+"""Compiled kernels are kept under a digest of all sources that can change them, in a folder that is its user's alone.
+While one runs, other threads go on, such as a worker's heartbeat; times of loading and of calls do not mix.
 """
 
 import errno
@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,14 +25,15 @@ from pipeline.engine.events import Compiling
 from pipeline.errors import EnvironmentFault
 from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel, kernel, opaque
+from pipeline.jit.files import cache_folder, make_folder, set_ready
 from pipeline.jit.work import calling, loading, work
 from pipeline.machine.facts import command
 
 SOURCES = {
     "room/__init__.py": "LAST = 3",
     "room/kernels.py": "from pipeline.room.table import ROW\n@kernel\ndef f(x): ...",
-    "room/table.py": "from pipeline import units\nimport pipeline.room\nROW = units.MM",
-    "units.py": "MM = 1",
+    "room/table.py": "from pipeline.parts import units\nimport pipeline.room\nROW = units.MM",
+    "parts/units.py": "MM = 1",
     "apart.py": "from pipeline.room import kernels",
 }
 
@@ -50,47 +50,18 @@ def package(tmp_path):
 
 def test_kernels_are_known_by_all_sources_that_they_reach(package):
     """Numba compiles constants in and looks at the kernel's own file alone."""
-    reached = decorators._reached(package)
-    assert {str(path.relative_to(package)) for path in reached} == {*SOURCES} - {"apart.py"}
-    before = decorators._digest_of(reached)
-    (package / "units.py").write_text("MM = 2", encoding="utf-8")
-    assert decorators._digest_of(reached) != before
-
-
-def twice(x):
-    return 2.0 * x
-
-
-@pytest.fixture
-def said(monkeypatch):
-    monkeypatch.setattr(files, "_warned", texts := set())
-    return texts
+    reached = files._reached(package)
+    assert {str(path.relative_to(package)): source.decode() for path, source in reached.items()} == {
+        name: text for name, text in SOURCES.items() if name != "apart.py"
+    }
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Where the kernels of this test are kept."""
-    monkeypatch.setattr(decorators, "cache_folder", lambda: tmp_path / "jit")
-    return tmp_path / "jit"
-
-
-def is_loaded(value=4.0):
-    """Call the kernel as a fresh process would; whether its code came from the folder."""
-    fresh = Kernel(twice, "kernel")
-    assert fresh(value) == 2.0 * value
-    return bool(fresh.compiled.stats.cache_hits)
-
-
-def code_in(folder):
-    """The code of the kernel, and not Numba's index."""
-    (path,) = folder.rglob("*.twice-*.nbc")
-    return path
-
-
-def test_a_kernel_of_other_types_is_kept_beside(folder, said):
-    fresh = Kernel(twice, "kernel")
-    assert fresh(4.0) == fresh(4) == 8.0
-    assert is_loaded() and is_loaded(4) and not said
+    """Where kernels would be kept: nothing is there."""
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path / "jit"))
+    monkeypatch.setattr(files, "_warned", set())
+    return cache_folder()
 
 
 @opaque
@@ -111,17 +82,17 @@ def double_or_negate(values, is_doubled):
         values[0] = negative(values[0])
 
 
-def test_an_opaque_function_is_compiled_when_it_first_runs(folder, monkeypatch):
-    """Until then it is not in the cache. What goes wrong then is raised by the kernel, and no trace of it is left."""
+def test_an_opaque_function_is_compiled_when_it_first_runs(monkeypatch):
+    """What goes wrong then is raised by the kernel, and no trace of it is left."""
     values = np.ones(1)
     double_or_negate(values, True)
-    assert values == 2.0 and not [*folder.glob("*.negative-*")]
+    assert values == 2.0 and len(double._addresses) == 1 and not negative._addresses
     with monkeypatch.context() as here, pytest.raises(KeyboardInterrupt):
         here.setattr(Kernel, "address", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         double_or_negate(values, False)
     values[0] = 3.0
     double_or_negate(values, False)
-    assert values == -3.0 and len([*folder.glob("*.negative-opaque/*/*.nbc")]) == 1
+    assert values == -3.0 and len(negative._addresses) == 1
 
 
 def test_a_changed_callee_is_compiled_again_by_the_next_process(tmp_path):
@@ -151,74 +122,47 @@ def test_two_processes_share_parts_by_their_cost():
     assert [[part.seconds for part in some] for some in both] == [[5.0, 1.0], [3.0, 2.0]]
 
 
-DAMAGE = {
-    "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
-    "a flipped bit": lambda path: path.write_bytes(b"\x81" + path.read_bytes()[1:]),
-    "another": lambda path: path.with_name("another.nbc").write_bytes(path.read_bytes()),
-    "none": lambda path: path.unlink(),
-    "a folder": lambda path: (path.unlink(), path.mkdir()),
-    "a link": lambda path: (path.rename(path.with_name("there")), path.symlink_to("there")),
-    "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
+def test_a_folder_for_kernels_is_private_and_stays(folder):
+    assert make_folder() == make_folder() == folder
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+FLAWS = {
+    "others may write to it": lambda folder: folder.chmod(0o777),
+    "a file": lambda folder: (shutil.rmtree(folder), folder.write_text("mine")),
+    "a link": lambda folder: (folder.rename(folder.with_name("there")), folder.symlink_to("there")),
+    "nothing, where nobody may write": lambda folder: (
+        shutil.rmtree(folder.parent),
+        folder.parent.touch(),
+    ),
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_kernel_is_compiled_again_once_and_never_executed(folder, said, damage):
-    assert not is_loaded() and is_loaded() and not said
-    DAMAGE[damage](code_in(folder))
-    assert not is_loaded()
-    assert ["is damaged" in text and str(folder) in text for text in said] == [True]
-    assert is_loaded() and len(said) == 1
+@pytest.mark.parametrize("flaw", FLAWS)
+def test_code_that_others_may_have_put_there_is_not_used(folder, capsys, flaw):
+    """It is a pickle: reading it is executing it. Processes that this one starts use the same stand-in."""
+    (make_folder() / "code.nbc").touch()
+    FLAWS[flaw](folder)
+    stand_in = make_folder()
+    assert stand_in != folder and not [*stand_in.iterdir()] and stand_in.parent.stat().st_mode & 0o777 == 0o700
+    assert cache_folder() == make_folder() == stand_in and os.environ["PIPELINE_JIT_CACHE"] == str(stand_in.parent)
+    assert capsys.readouterr().err.count("cannot keep compiled kernels in") == 1
 
 
-def test_code_of_a_process_that_was_killed_before_it_closed_the_folder_is_not_used(folder, said):
-    is_loaded()
-    next(folder.rglob("SHA256SUMS")).unlink()
-    assert not is_loaded() and is_loaded() and not said
+def test_a_folder_of_somebody_else_is_not_used(folder, monkeypatch):
+    make_folder()
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    os.chown(folder, 54321, -1) if os.getuid() == 0 else None
+    assert cache_folder() == folder.with_name(f"{folder.name}-12345")
 
 
-def test_kernels_in_a_folder_that_others_may_write_to_are_not_used(folder, said):
-    """They are pickles: reading one is executing it."""
-    is_loaded()
-    folder.chmod(0o777)
-    assert not is_loaded() and "was no folder for you alone" in str(said)
-    assert folder.stat().st_mode & 0o777 == 0o700 and is_loaded()
-
-
-def test_kernels_in_a_folder_of_somebody_else_are_not_used(folder, said, monkeypatch):
-    is_loaded()
-    if os.geteuid() == 0:
-        os.chown(folder, 12345, -1)
-    else:
-        monkeypatch.setattr(os, "geteuid", lambda: 12345)
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert not is_loaded() and len(said) == 1 and "every process compiles them" in str(said)
-    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-
-
-def test_a_folder_that_can_only_be_read_lends_a_copy(folder, said, monkeypatch):
+def test_a_folder_that_can_only_be_read_lends_a_copy(folder, monkeypatch):
     """Numba itself takes no code from such a folder."""
-    is_loaded()
-    monkeypatch.setattr(os, "access", lambda path, mode: False)
-    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    assert is_loaded() and not said
-    assert not is_loaded(4) and {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
-
-
-def test_a_file_in_the_place_of_the_folder_gets_another_name(folder, said):
-    folder.write_text("mine")
-    assert not is_loaded() and is_loaded()
-    assert [path.read_text() for path in folder.parent.glob("jit.*.damaged")] == ["mine"]
-
-
-def test_a_full_disk_is_an_error_of_the_machine(folder, said, monkeypatch):
-    def fail(path, *arguments, **options):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_text", fail)
-    with pytest.raises(EnvironmentFault, match=r"cannot keep compiled kernels in .*No space left") as caught:
-        is_loaded()
-    assert "PIPELINE_JIT_CACHE" in caught.value.hint
+    (make_folder() / "code.nbc").touch()
+    with monkeypatch.context() as here:
+        here.setattr(os, "access", lambda path, mode: False)
+        stand_in = make_folder()
+    assert stand_in != folder and [path.name for path in stand_in.iterdir()] == ["code.nbc"]
 
 
 def test_a_graph_compiles_what_its_tasks_call():
@@ -234,47 +178,36 @@ def test_a_graph_compiles_what_its_tasks_call():
     assert steps("examples/03_paper_evaluation") == ("lens", "micro_images", "images")
 
 
-def test_a_build_compiles_what_is_damaged_and_nothing_twice(folder, said, monkeypatch):
+def test_a_build_compiles_nothing_twice_and_a_full_disk_is_an_error_of_the_machine(folder, monkeypatch):
     calls = []
 
     def fake(steps):
-        calls.append(1)
-        is_loaded()
-        return {path.name for path in folder.glob("*-kernel")}
+        calls.append(steps)
+        if len(calls) == 1:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("pipeline.app.build.cache_folder", lambda: folder)
     monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", fake)
+    with pytest.raises(EnvironmentFault, match=r"cannot keep compiled kernels in .*No space left"):
+        compile_once()
     compile_once()
     compile_once()
-    assert len(calls) == 1 and not said
-    code_in(folder).write_bytes(b"")
-    compile_once()
-    compile_once()
-    assert len(calls) == 2 and len(said) == 1
-    (listed,) = folder.glob("*.txt")
-    listed.write_text("")
-    compile_once()
-    assert len(calls) == 3
+    assert len(calls) == 2
 
 
 def test_a_wait_is_told_with_what_is_left_by_the_speed_of_this_machine(folder, monkeypatch):
     """On a machine ten times as slow as that of the known costs these are believed at first, then what was seen."""
     told = []
-    monkeypatch.setattr(building, "cache_folder", lambda: folder)
     monkeypatch.setattr(building, "_KERNELS", {"lens": 20})
     monkeypatch.setattr(building, "_KERNEL_S", 0.02)
 
     def slowly(steps):
         for k in range(5, 20):
             time.sleep(0.2)
-            (folder / str(k)).mkdir()
-            (folder / str(k) / "SHA256SUMS").touch()
-        return []
+            (code / f"{k}.nbi").touch()
 
+    (code := make_folder() / "room").mkdir()
     for k in range(5):  # of a process that was ended
-        (folder / str(k)).mkdir(parents=True)
-        (folder / str(k) / "SHA256SUMS").touch()
-    folder.chmod(0o700)
+        (code / f"{k}.nbi").touch()
     monkeypatch.setattr("pipeline.app.compile_kernels.compile_kernels", slowly)
     compile_once(told.append, ("lens",))
     shares, left = [event.share for event in told], [event.seconds_left for event in told]
@@ -286,11 +219,15 @@ def test_a_wait_is_told_with_what_is_left_by_the_speed_of_this_machine(folder, m
 
 
 def test_whoever_explains_is_called_once_before_a_process_compiles_and_not_before_it_loads(folder, monkeypatch):
-    calls = []
+    calls, values = [], np.ones(1)
     monkeypatch.setattr(decorators, "before_compiling", first := [lambda: calls.append(1)])
-    assert not is_loaded() and len(calls) == 1
+    for _ in range(2):
+        double_or_negate(values, True)
+    assert len(calls) == 1
+    set_ready(make_folder(), ["lens"])
     first.append(lambda: calls.append(1))
-    assert is_loaded() and len(calls) == 1
+    double_or_negate(values, True)
+    assert len(calls) == 1 and not first
 
 
 def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(capsys, monkeypatch):
@@ -308,26 +245,20 @@ def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(c
     assert "━━━━━" in text and "83 s left" in text and "0:00:0" in text and len(text) <= 40
 
 
-def test_two_processes_compile_each_kernel_once_and_name_the_folders_that_they_opened(tmp_path):
+def test_two_processes_compile_each_kernel_once_and_a_cut_one_is_named(folder):
     """What one compiles, the other one waits for: Numba keeps a file per types, numbered from 1."""
-    environment = {**os.environ, "PIPELINE_JIT_CACHE": str(tmp_path / "jit"), "NUMBA_DEBUG_CACHE": "1"}
-    environment.pop("PYTHONUNBUFFERED", None)  # what is said last must arrive all the same
-    both = [
-        subprocess.Popen(
-            command("pipeline.app.compile_kernels:compile_apart", share, "search", "sensor"),
-            env=environment,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for share in ("0", "1")
-    ]
+    settings = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PYTHONUNBUFFERED": "1"}
+    asked = [command("pipeline.app.compile_kernels:compile_apart", share, "search", "sensor") for share in ("0", "1")]
+    both = [subprocess.Popen(words, env=settings, stdout=subprocess.PIPE, text=True) for words in asked]
     lines = [line for process in both for line in process.communicate()[0].splitlines()]
     saved = [line for line in lines if line.startswith("[cache] data saved to")]
-    names = {line for line in lines if not line.startswith("[cache]")}
-    assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) > len(names) / 2
-    assert names == {path.name for path in tmp_path.glob("jit/*/*")}
-    assert {"quads_that_hold-kernel", "solve_quads-kernel"} <= {name.rpartition(".")[2] for name in names}
-    assert all(files.is_whole(path) for path in tmp_path.glob("jit/*/*"))
+    assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) >= 5
+    assert len(saved) == len([*folder.rglob("*.nbc")]) and files.count(folder) == len([*folder.rglob("*.nbi")])
+    (code,) = folder.rglob("*.quads_that_hold-*.nbc")
+    code.write_bytes(b"")
+    look = "from pipeline.app import compile_kernels; compile_kernels.compile_kernels(['search'])"
+    done = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=False)
+    assert "quads_that_hold is damaged" in done.stderr and f"remove {folder}" in done.stderr
 
 
 def busy(seconds):

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.app.build import default_out
 from pipeline.errors import UsageError
-from pipeline.jit.decorators import cache_folder
+from pipeline.jit.files import cache_folder
 from pipeline.machine.process import FILES, require_room
 
 ODD = os.fsdecode(b"b\xff")

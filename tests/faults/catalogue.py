@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from faults.beside_entries import (
-    damaged_kernels,
     flips_after_verification,
     something_in_the_place_of_folders,
 )
@@ -413,7 +412,6 @@ FAULTS = (
     lambda bench: errors_of_the_system(bench, "R24", "I/O error (EIO), once", errno.EIO, for_good=False, most=1),
     lambda bench: errors_of_the_system(bench, "R24", "too many open files", errno.EMFILE, for_good=False, most=1),
     lambda bench: errors_of_the_system(bench, "R24", "out of memory (ENOMEM)", errno.ENOMEM, for_good=False, most=1),
-    damaged_kernels,
     something_in_the_place_of_folders,
     flips_after_verification,
     other_numerics,

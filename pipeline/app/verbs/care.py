@@ -68,17 +68,17 @@ def gc(
 
 def warm() -> None:
     """Compile all kernels now, after an upgrade or in the image of a container: no build waits for them then."""
-    from pipeline.app.build import STEPS, ready, warm_up
+    from pipeline.app.build import STEPS, warm_up
     from pipeline.engine.files import nearest_existing
     from pipeline.errors import EnvironmentFault
-    from pipeline.jit.decorators import cache_folder
+    from pipeline.jit.files import cache_folder, ready
 
     folder = cache_folder()
     if not ready(folder).issuperset(STEPS) and not os.access(nearest_existing(folder), os.W_OK):
         hint = "set PIPELINE_JIT_CACHE to a folder that you may write to"
         raise EnvironmentFault(f"cannot keep compiled kernels in {folder}", hint=hint)
     warm_up(STEPS)
-    say(f"kernels are ready in {folder}")
+    say(f"kernels are ready in {cache_folder()}")
 
 
 _SIGNS = {"fine": " ", "doubt": "?", "wrong": "!"}

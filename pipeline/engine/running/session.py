@@ -36,7 +36,7 @@ from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.store_folder import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.folders import flaw_of
-from pipeline.jit.decorators import cache_folder
+from pipeline.jit.files import cache_folder
 from pipeline.records.plain import from_plain
 
 
