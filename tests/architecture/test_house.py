@@ -23,6 +23,7 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_bytes())
 
 
+@functools.cache
 def functions_of(path: Path) -> list[ast.FunctionDef]:
     """Functions and methods of a module, nested ones, too."""
     return [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.FunctionDef)]

@@ -399,7 +399,9 @@ def test_small_bundles_behind_obstructions_are_seen_by_as_many_rays_as_it_takes(
     around = Surroundings([(Target(BOARD), pose)], [(half_plane(0.0, 0.3, card_mm), HERE)])
     share, _ = visibility(rig, around, 0, np.full(len(x_px), -1), x_px, on)
     assert len(x_px) == 12 and not np.isnan(share).any()
-    rear, expected = camera.prescription.surfaces[-1].semi_diameter_mm, np.empty((2, len(x_px)))
+    judged = [2, 4, 7, 9]  # two that the card hides in part, one that is free, one that is hidden
+    share, x_px = share[judged], x_px[judged]
+    rear, expected = camera.prescription.surfaces[-1].semi_diameter_mm, np.empty((2, len(judged)))
     points = np.random.default_rng(4).uniform(-rear, rear, (1 << 18, 2))
     for number, start in enumerate(rig.tracer.positions_mm(*x_px.T)):
         way = np.column_stack(
