@@ -9,7 +9,8 @@ What was built or answered before is not done again, and results of contestants 
 
 Most plenoptic programs are on no package index: FOLDER has their sources, as git repositories OWNER+NAME/repo, which
 `--sources` lists with their commits.
-`--small` shows in minutes whether all of it runs: two conditions and two repeats; one rig with a quarter of its sensor.
+`--small` shows in minutes whether it runs: two conditions and two repeats, and calibrations from exact corners alone;
+one rig with a quarter of its sensor.
 """
 
 import argparse
@@ -96,7 +97,8 @@ def conventional(asked: argparse.Namespace, everybody: list[Contestant], rows: l
         results["detectors"], results["missing"] = detecting.compete(detectors, conditions, out, repeats)
     if calibrators:
         (sb,) = (one for one in everybody if one.name == "OpenCV SB")  # finds the corners of the case `detected`
-        judged, gone, fields = calibrating.compete(calibrators, out, noisy, (sb, interpreter(sb, out / "environments")))
+        detector = None if asked.small else (sb, interpreter(sb, out / "environments"))
+        judged, gone, fields = calibrating.compete(calibrators, out, noisy, detector)
         results |= {"calibrators": judged, "missing": results["missing"] | gone}
     results["about"] |= about(began)
     earlier = _read(out / "results.json")
