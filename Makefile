@@ -36,8 +36,8 @@ proofs: $(STAMP) warm
 # What docs/ says of images, with the figures: programs, walks and closed forms that share nothing with the renderer.
 referees: $(STAMP) warm
 	$(INSTALL) emva1288 mitsuba openimageio
-	$(BIN)/python -m pytest -q -rP -n $(WORKERS) -m "heavy or not heavy" tests/published/test_mitsuba.py \
-		tests/published/test_emva1288.py tests/laws/test_colours.py tests/laws/test_reflection.py \
+	$(BIN)/python -m pytest -q -rP -n $(WORKERS) -m "heavy or not heavy" tests/plugins/scenes/test_mitsuba.py \
+		tests/published/test_emva1288.py tests/laws/test_colours.py tests/plugins/scenes/test_reflection.py \
 		tests/laws/test_radiometry.py tests/laws/test_diffraction.py \
 		tests/render/test_raw_colours.py tests/rerun/test_raw_images.py
 	$(BIN)/python benchmarks/sensor.py

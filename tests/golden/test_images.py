@@ -11,12 +11,13 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from golden.renders import TINY, Scene
+from golden.renders import Scene
 from shorter import few
 
 from pipeline.files.exr import Part, read_exr, write_exr
 
 HERE = Path(__file__).parent
+TINY = ("tiny_conventional", "tiny_plenoptic")
 OF_GOLDEN, OF_TEST = range(100_000, 101_024), range(8)
 """Seeds of what is kept, and of what is tested."""
 CHANCE = 1e-6
@@ -61,20 +62,19 @@ def mean_of(scene: Scene) -> np.ndarray:
 
 
 @functools.cache
-def known_of(name: str) -> dict[str, np.ndarray]:
+def known_of(file: Path) -> dict[str, np.ndarray]:
     """The golden image."""
-    channels = read_exr(HERE / f"{name}.exr")["image"].channels
+    channels = read_exr(file)["image"].channels
     return {channel: values.astype(float) for channel, values in channels.items()}
 
 
-@pytest.mark.parametrize("name", TINY)
-def test_an_image_with_other_seeds_is_the_golden_one_within_its_noise(name, golden):
+def same_or_written(scene: Scene, file: Path, golden) -> None:
+    """An image with other seeds is the golden one within its noise."""
     update, show = golden
-    scene, file = Scene(name), HERE / f"{name}.exr"
     if not update:
         image = mean_of(scene)
-        assert judged(image, known_of(name)) == []
-        assert any("sum" in verdict for verdict in judged(1.01 * image, known_of(name))), "a hundredth of the light"
+        assert judged(image, known_of(file)) == []
+        assert any("sum" in verdict for verdict in judged(1.01 * image, known_of(file))), "a hundredth of the light"
         return
     images = np.stack([scene.image(seed) for seed in OF_GOLDEN])
     mean, variance = images.mean(axis=0), images.var(axis=0, ddof=1)
@@ -85,7 +85,15 @@ def test_an_image_with_other_seeds_is_the_golden_one_within_its_noise(name, gold
     write_exr(file, [Part(name="image", channels={"mean": mean, "variance": variance, "excess": excess})])
 
 
-@pytest.mark.parametrize("name", few(["tiny_conventional"], "tiny_lit", "tiny_plenoptic"))
+def notices_a_tenth_of_a_pixel(moved: Scene, file: Path) -> None:
+    assert any("chi-square" in verdict for verdict in judged(mean_of(moved), known_of(file)))
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_an_image_with_other_seeds_is_the_golden_one_within_its_noise(name, golden):
+    same_or_written(Scene(name), HERE / f"{name}.exr", golden)
+
+
+@pytest.mark.parametrize("name", few(["tiny_conventional"], "tiny_plenoptic"))
 def test_a_tenth_of_a_pixel_is_noticed(name):
-    verdicts = judged(mean_of(Scene(name, shift_px=0.1)), known_of(name))
-    assert any("chi-square" in verdict for verdict in verdicts)
+    notices_a_tenth_of_a_pixel(Scene(name, shift_px=0.1), HERE / f"{name}.exr")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from colour.characterisation import SDS_COLOURCHECKERS
 from laws import rigs
-from laws.lit import lamp, looked, mesh
+from laws.meshes import mesh
 from laws.rigs import at, in_light
 from laws.solving import board, case_of, off_axis, rig_of, saddles, solved
 from naive import polar
-from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, LIT_ERRORS, SADDLE_PX, SIGMAS
+from tolerances import CENTROID_PX, DIRECT_PX, LATERAL_COLOUR, SADDLE_PX, SIGMAS
 
 import pipeline
 from pipeline.camera.integrals import Bundles, integrals, random_integrals
@@ -24,8 +24,6 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.imaging import in_all, pictures_in_lights, white_parts
-from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.records import Lighting
 from pipeline.render.spectral.nodes import gauss_nodes, points_of, slices_of
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.render.spectral.spectra import illuminant, reflectance
@@ -231,18 +229,6 @@ def test_a_channel_is_the_integral_of_light_reflectance_and_response() -> None:
     expected = sorted(np.interp(mean_nm(), one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
     found = sorted((images / whole).mean(axis=(1, 2)))
     np.testing.assert_allclose(found, expected, rtol=1e-3)  # bundles of the wavelengths differ by less
-
-
-def test_below_an_even_sky_ink_and_paper_have_the_radiance_of_their_reflectance() -> None:
-    """The radiance of a matt surface below a sky of 1 is its reflectance, here at two wavelengths."""
-    wavelengths, lighting = (520.0, 590.0), Lighting(lamps=(lamp("dome"),), coats=(None,), bounces=0)
-    lights = tuple(map(alone, wavelengths))
-    view = LitView([(BOARD, rigs.facing(434.4))], [], lighting, {}, 0.0, lights, [PRINT.colours(BOARD, lights)])
-    for number, nm in enumerate(wavelengths):
-        found = sorted(looked(view.in_light(number), (0.0, y, 434.4)) for y in (-20.0, 20.0))
-        expected = sorted(np.interp(nm, one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
-        for (mean, error), value in zip(found, expected, strict=True):
-            assert abs(mean - value) <= LIT_ERRORS * error + 1e-9
 
 
 def test_without_a_spectrum_a_target_keeps_its_colours_and_white_scales_both() -> None:

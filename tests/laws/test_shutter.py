@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from builds import made
 from laws import rigs
-from laws.lit import mesh
+from laws.meshes import mesh
 from laws.solving import planes_of, rig_of, solved
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial.transform import Rotation

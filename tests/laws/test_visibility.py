@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from laws import rigs
-from laws.lit import mesh
+from laws.meshes import mesh
 from laws.rigs import thin
 from laws.solving import planes_of, rig_of
 from naive import brute

@@ -21,7 +21,7 @@ SAMPLES, BINNED, REGION = 256, 4, 10
 
 def rendered(board, vision_from_target, slabs, fov_deg: float, size: tuple[int, int]) -> np.ndarray:
     """Mean radiance of a board in a medium behind slabs, (h, w); `board` is its texture, the top row first."""
-    from published.mitsuba_scenes import pinhole
+    from published.mitsuba_sensor import pinhole
 
     transform = mitsuba.ScalarTransform4f
     (half_x, half_y), texture = board

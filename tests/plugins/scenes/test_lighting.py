@@ -8,16 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from laws.lit import lamp, looked, scene, towards
 from PIL import Image
+from plugins.scenes.lit import lamp, looked, scene, towards
 from stage_text import in_the_library, mesh_text, placed
 
 import pipeline
 from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
 from pipeline.plugins.scenes.graph import LitThings
+from pipeline.plugins.scenes.lighting.lit_scene import LitScene, LitView
 from pipeline.records.plain import from_plain
-from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Lamp
 from pipeline.scene.lamps import shines
 from pipeline.scene.load import load

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.files.npy import read_npy
+from pipeline.plugins.scenes.lighting.lit_scene import LitView
 from pipeline.plugins.scenes.tasks.params import PICTURE, LitImage, LitPaintedView
 from pipeline.render.imaging import SceneView
-from pipeline.render.lighting.lit_scene import LitView
 from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at

@@ -12,11 +12,11 @@ from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
+from pipeline.plugins.scenes.labels.pixels import SHOWN, Asked, labels_of, preview
+from pipeline.plugins.scenes.labels.sight_lines import SightLines
+from pipeline.plugins.scenes.labels.things import Later, Things
 from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
 from pipeline.plugins.scenes.tasks.params import BOXES, LABELS, PREVIEW, Labels, LabelsTile
-from pipeline.render.labels.pixels import SHOWN, Asked, labels_of, preview
-from pipeline.render.labels.sight_lines import SightLines
-from pipeline.render.labels.things import Later, Things
 from pipeline.render.pixel_rays import Band, Rows
 from pipeline.tasks import images
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig

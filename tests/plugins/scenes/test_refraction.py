@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from laws.lit import agrees, ball, block, glass, lamp, looked, matt, mesh, plate, scene, sky_on, towards
+from plugins.scenes.lit import agrees, ball, block, glass, lamp, looked, matt, mesh, plate, scene, sky_on, towards
 from tolerances import FURNACE, LIT_ERRORS
 
+from pipeline.plugins.scenes.lighting.reflection import Paint
+from pipeline.plugins.scenes.lighting.refraction import glass_reflected, glass_scattered
 from pipeline.render.lighting.records import Finish, Glass, Input, Material
-from pipeline.render.lighting.reflection import Paint
-from pipeline.render.lighting.refraction import glass_reflected, glass_scattered
 from pipeline.targets.mesh import Occluder
 
 SHINING = Material(diffuse_color=Input(value=(0.0,) * 3), ior=1.0, emissive_color=Input(value=(1.0,) * 3))

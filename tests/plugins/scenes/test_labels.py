@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from laws import rigs
-from laws.lit import matt, mesh, plate, scene
 from laws.solving import rig_of, solved
 from laws.test_model_cameras import model
+from plugins.scenes.lit import matt, mesh, plate, scene
 
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.integrals import Bundles, integrals
@@ -19,9 +19,9 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
-from pipeline.render.labels.pixels import RANKS, Asked, labels_of
-from pipeline.render.labels.sight_lines import SightLines
-from pipeline.render.labels.things import Later, Things
+from pipeline.plugins.scenes.labels.pixels import RANKS, Asked, labels_of
+from pipeline.plugins.scenes.labels.sight_lines import SightLines
+from pipeline.plugins.scenes.labels.things import Later, Things
 from pipeline.render.lighting.records import Input, Material
 from pipeline.render.pixel_rays import Band
 from pipeline.targets.patterns.checkerboard import Checkerboard

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 from colour import MSDS_CMFS, RGB_COLOURSPACES, SDS_ILLUMINANTS, SpectralShape
-from laws.lit import agrees, lamp, looked, matt, named, plate, scene, sky_on, towards
-from laws.microfacet_walk import albedo
 from laws.rigs import facing
+from plugins.scenes.lit import agrees, lamp, looked, matt, named, plate, scene, sky_on, towards
+from plugins.scenes.microfacet_walk import albedo
 from shorter import few
 from tolerances import (
     ALL_REFLECTIONS,
@@ -20,8 +20,8 @@ from tolerances import (
     SAME_COLOUR,
 )
 
+from pipeline.plugins.scenes.lighting.reflection import Paint, reflected, scattered, seen_along, tabled_layers
 from pipeline.render.lighting.records import Coat, Input, Material
-from pipeline.render.lighting.reflection import Paint, reflected, scattered, seen_along, tabled_layers
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -10,7 +10,7 @@ from pxr import Gf, Usd, UsdGeom
 from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
-from pipeline.render.lighting import lit_scene
+from pipeline.plugins.scenes.lighting import lit_scene
 from pipeline.scene import materials, shaders
 from pipeline.scene.load import load
 from pipeline.scene.usd import meshes, subdivided

@@ -13,8 +13,8 @@ import math
 import numpy as np
 
 from pipeline.jit.decorators import borrowed, inline, kernel
-from pipeline.render.lighting.emitting import EVEN, PICTURE
-from pipeline.render.lighting.lamps import (
+from pipeline.plugins.scenes.lighting.emitting import EVEN, PICTURE
+from pipeline.plugins.scenes.lighting.lamps import (
     DOME,
     KIND,
     chance_of,
@@ -25,8 +25,8 @@ from pipeline.render.lighting.lamps import (
     meet_lamp,
     radiance_of,
 )
-from pipeline.render.lighting.lamps import RADIANCE as OF_LAMP
-from pipeline.render.lighting.materials import (
+from pipeline.plugins.scenes.lighting.lamps import RADIANCE as OF_LAMP
+from pipeline.plugins.scenes.lighting.materials import (
     ABSORPTION,
     CLEAR,
     EMISSION,
@@ -38,9 +38,9 @@ from pipeline.render.lighting.materials import (
     paint_at,
     veiled,
 )
-from pipeline.render.lighting.paths import RATIO
-from pipeline.render.lighting.reflection import Paint
-from pipeline.render.lighting.shapes import glow_density, shading_normal, weights
+from pipeline.plugins.scenes.lighting.paths import RATIO
+from pipeline.plugins.scenes.lighting.reflection import Paint
+from pipeline.plugins.scenes.lighting.shapes import glow_density, shading_normal, weights
 from pipeline.targets.surface_kernels import path_to
 from pipeline.targets.vectors import along, dot, row, times, unit
 

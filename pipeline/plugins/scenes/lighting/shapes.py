@@ -9,10 +9,9 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.jit.decorators import borrowed, inline, kernel, unit
-from pipeline.records.shapes import Float64
-from pipeline.render.lighting import materials as column
-from pipeline.render.lighting.draws import draw
-from pipeline.render.lighting.materials import (
+from pipeline.plugins.scenes.lighting import materials as column
+from pipeline.plugins.scenes.lighting.draws import draw
+from pipeline.plugins.scenes.lighting.materials import (
     BODY,
     Materials,
     Spot,
@@ -21,6 +20,7 @@ from pipeline.render.lighting.materials import (
     passing_to_lamps,
     presence_at,
 )
+from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from laws.lit import block, looked, plate
-from scene.test_lighting import SUN, lit, loaded
+from plugins.scenes.lit import block, looked, plate
+from plugins.scenes.test_lighting import SUN, lit, loaded
 from tolerances import LIT_ERRORS
 
 from pipeline.targets import solids

@@ -4,23 +4,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
-from laws.lit import ball, block, lamp, named, scene
+from plugins.scenes.lit import ball, block, lamp, named, scene
+from published.mitsuba_sensor import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi, pinhole
 from pxr import Usd, UsdGeom
 
 from pipeline.files.pictures import decoded
-from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lit_scene import LitScene
+from pipeline.plugins.scenes.lighting.draws import Names
+from pipeline.plugins.scenes.lighting.lit_scene import LitScene
 from pipeline.render.lighting.records import Finish, Material, PlacedLamp, Shaping
 from pipeline.scene.materials import read_finish
 from pipeline.scene.occluders import read_occluder
 from pipeline.scene.pictures import name_of, named_by, picture_of, reading_below
 from pipeline.targets.mesh import Occluder
-
-mi.set_variant("scalar_rgb")
-WIDTH_PX, HEIGHT_PX, FOV_DEG = 24, 18, 50.0
-"""Size of the pictures, and the horizontal field of view."""
 
 
 @dataclass
@@ -136,19 +132,6 @@ class Both:
         path = {"type": self.integrator, "max_depth": bounces + 2, "rr_depth": 100}
         loaded = mi.load_dict({"type": "scene", "integrator": path, "sensor": sensor, **self.theirs})
         return np.array([np.array(mi.render(loaded, spp=samples, seed=seed))[..., 0] for seed in range(seeds)])
-
-
-def pinhole(samples: int, fov_deg: float = FOV_DEG, size_px=(WIDTH_PX, HEIGHT_PX), **more: Any) -> dict[str, Any]:
-    """Mitsuba's sensor at the origin of the vision frame: a horizontal field of view, and pixels without a filter."""
-    film = {"type": "hdrfilm", "width": size_px[0], "height": size_px[1], "rfilter": {"type": "box"}}
-    return {
-        "type": "perspective",
-        "fov": fov_deg,
-        "to_world": mi.ScalarTransform4f().look_at(origin=[0, 0, 0], target=[0, 0, 1], up=[0, -1, 0]),
-        "film": {**film, "pixel_format": "rgb"},
-        "sampler": {"type": "independent", "sample_count": samples},
-        **more,
-    }
 
 
 def our_pictures(lit: LitScene, samples: int, seeds: int) -> np.ndarray:

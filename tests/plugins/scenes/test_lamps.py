@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from laws.lit import RAYS, agrees, lamp, looked, matt, mesh, plate, scene, towards
 from laws.rigs import facing
+from plugins.scenes.lit import RAYS, agrees, lamp, looked, matt, mesh, plate, scene, towards
 from tolerances import LIT_ERRORS
 
 from pipeline.render.lighting.records import Input, Material, Shaping, Texture

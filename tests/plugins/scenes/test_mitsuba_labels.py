@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from laws import rigs
-from laws.test_labels import Labelled, labelled
 from laws.test_model_cameras import model
+from plugins.scenes.test_labels import Labelled, labelled
 
 mitsuba = pytest.importorskip("mitsuba", reason="needs the extra `referees`")
 SAMPLES = 256
@@ -25,8 +25,8 @@ WEIGHED = 0.01
 
 @pytest.fixture(scope="module")
 def pictures() -> tuple[Labelled, dict[str, np.ndarray]]:
-    from published.mitsuba_scenes import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi, pinhole
-    from published.test_mitsuba import room
+    from plugins.scenes.test_mitsuba import room
+    from published.mitsuba_sensor import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi, pinhole
 
     both = room()
     camera = model(rigs.conventional(width_px=WIDTH_PX, height_px=HEIGHT_PX), "pinhole")

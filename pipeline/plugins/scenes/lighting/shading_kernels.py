@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import borrowed, inline, kernel
-from pipeline.render.lighting import draws
-from pipeline.render.lighting.emitting import EVEN
-from pipeline.render.lighting.lamps import (
+from pipeline.plugins.scenes.lighting import draws
+from pipeline.plugins.scenes.lighting.emitting import EVEN
+from pipeline.plugins.scenes.lighting.lamps import (
     blocked_by_lamp,
     chosen_lamp,
     estimates_at,
@@ -18,10 +18,10 @@ from pipeline.render.lighting.lamps import (
     radiance_of,
     sample_lamp,
 )
-from pipeline.render.lighting.path_kernels import gap_at, goes_straight, move, power_share
-from pipeline.render.lighting.reflection import Paint, SeenSurface, reflected, scattered, seen_along
-from pipeline.render.lighting.refraction import glass_reflected, glass_scattered
-from pipeline.render.lighting.shapes import sample_glow
+from pipeline.plugins.scenes.lighting.path_kernels import gap_at, goes_straight, move, power_share
+from pipeline.plugins.scenes.lighting.reflection import Paint, SeenSurface, reflected, scattered, seen_along
+from pipeline.plugins.scenes.lighting.refraction import glass_reflected, glass_scattered
+from pipeline.plugins.scenes.lighting.shapes import sample_glow
 from pipeline.targets.vectors import across, along, dot, local, minus, row, times, unit, world
 
 _CANDIDATES, _GLOSS = 4, 0.15

@@ -6,7 +6,7 @@ Pictures of several seeds say how noisy each pixel is; the difference of the mea
 
 import numpy as np
 import pytest
-from laws.lit import glass, matt, towards
+from plugins.scenes.lit import glass, matt, towards
 from tolerances import SAME_NOISE, SINGLE, WORST_PIXEL
 
 from pipeline.render.lighting.records import Input, Material
@@ -26,7 +26,7 @@ def grey(value: float) -> dict:
 
 
 def room():
-    from published.mitsuba_scenes import Both
+    from plugins.scenes.mitsuba_scenes import Both
 
     both = Both()
     both.plate(at(0, 0, 500), 500.0, matt(0.7), grey(0.7))
@@ -37,7 +37,7 @@ def room():
 
 def agree(both, bounces: int, theirs: int | None = None) -> None:
     """Ask for the same picture with so many bounces, of which Mitsuba may need others."""
-    from published.mitsuba_scenes import our_pictures
+    from plugins.scenes.mitsuba_scenes import our_pictures
 
     pictures = our_pictures(both.ours(bounces), SAMPLES, SEEDS), both.reference(theirs or bounces, SAMPLES, SEEDS)
     one, other = (picture.mean(axis=0) for picture in pictures)
@@ -91,7 +91,7 @@ def test_a_smooth_metal_looks_alike(roughness):
     """A conductor that absorbs nothing, below a lamp and an even sky.
 
     All of Mitsuba's materials, `principled` too, have single reflections only. So smooth a metal, as it is seen here,
-    loses at most 0.5 % of its light by that. Rougher ones are judged by walks on facets, in laws/test_reflection.py.
+    loses at most 0.5 % of its light by that. Rougher ones are judged by walks on facets, in test_reflection.py.
     """
     both = room()
     metal = Material(
@@ -110,7 +110,7 @@ def test_sheets_that_are_there_in_part_look_alike():
     Mitsuba counts what passes a sheet as a bounce: all walls are dark, so that nothing is left after those that are
     allowed here and there.
     """
-    from published.mitsuba_scenes import Both
+    from plugins.scenes.mitsuba_scenes import Both
 
     both = Both()
     both.plate(at(0, 0, 500), 500.0, matt(0.3), grey(0.3))
@@ -126,7 +126,7 @@ def test_sheets_that_are_there_in_part_look_alike():
 
 def dark_room():
     """Walls so dark that it does not matter how many bounces are left for them behind glass."""
-    from published.mitsuba_scenes import Both
+    from plugins.scenes.mitsuba_scenes import Both
 
     both = Both()
     both.plate(at(0, 0, 500), 500.0, matt(0.3), grey(0.3))
@@ -187,7 +187,7 @@ def test_coloured_glass_looks_alike():
 
 def alike_by_regions(both, bounces: int, theirs: int) -> None:
     """Every region of 4 x 6 pixels has the same light within a hundredth."""
-    from published.mitsuba_scenes import our_pictures
+    from plugins.scenes.mitsuba_scenes import our_pictures
 
     pictures = our_pictures(both.ours(bounces), SAMPLES, SEEDS), both.reference(theirs, SAMPLES, SEEDS)
     one, other = (picture.mean(axis=0).reshape(3, 6, 4, 6).mean(axis=(1, 3)) for picture in pictures)
@@ -200,7 +200,7 @@ def test_clear_coats_look_alike_within_a_hundredth():
 
     Both programs mean the same where light comes and goes near the normal: farther off it Schlick's reflectance, which
     UsdPreviewSurface has, is not that of Fresnel. Below a rough coat Mitsuba's paint loses light (a third of it at a
-    roughness of 0.6); ours does not, see laws/test_reflection.py.
+    roughness of 0.6); ours does not, see test_reflection.py.
     """
     both = dark_room()
 

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from laws.meshes import mesh
 from tolerances import LIT_ERRORS
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.frames import rigid
+from pipeline.plugins.scenes.lighting.draws import Names
+from pipeline.plugins.scenes.lighting.lit_scene import LitScene, LitView
 from pipeline.records.plain import to_plain
-from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.lit_scene import LitScene, LitView
 from pipeline.render.lighting.records import Coat, Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
 from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
@@ -41,12 +41,6 @@ def lamp(
 ) -> PlacedLamp:
     plain = to_plain(Lamp(kind=kind, radiance=radiance, size=size, texture=texture, shaping=shaping))
     return PlacedLamp(lamp=plain, vision_from_lamp=(np.eye(4) if pose is None else pose).tolist())
-
-
-def mesh(points: ArrayLike, triangles: ArrayLike = ((0, 1, 2), (0, 2, 3)), radiance: float = 0.0) -> Occluder:
-    """Points (n, 3) and triangles: of four points, unless they are named, those of a quadrangle."""
-    corners, faces = np.array(points, float).tolist(), np.array(triangles).tolist()
-    return Occluder(vertices_mm=tuple(map(tuple, corners)), triangles=tuple(map(tuple, faces)), radiance=radiance)
 
 
 def plate(z_mm: float, half_mm: float = 400.0, x_mm: float = 0.0) -> Occluder:

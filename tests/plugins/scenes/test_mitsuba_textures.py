@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from published.test_mitsuba import agree, at, grey
+from plugins.scenes.test_mitsuba import agree, at, grey
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 mitsuba = pytest.importorskip("mitsuba", reason="needs the extra `referees`")
@@ -123,7 +123,7 @@ def to_linear(path: Path) -> np.ndarray:
 
 def test_walls_with_pictures_look_alike_by_the_light_of_one_that_glows(tmp_path):
     """Three colour spaces and three ways to go on beyond a picture. The lamp also shines behind it, on nothing."""
-    from published.mitsuba_scenes import Both, mi
+    from plugins.scenes.mitsuba_scenes import Both, mi
 
     for seed, (name, size) in enumerate({"wall.png": (5, 4), "floor.png": (3, 3), "lamp.png": (4, 2)}.items()):
         grey_file(tmp_path / name, seed, size)
@@ -159,7 +159,7 @@ def test_holes_and_bumps_of_pictures_look_alike(tmp_path):
     Holes end where the opacity between texels is the threshold: at the edges of texels, where Mitsuba's are without
     interpolation.
     """
-    from published.mitsuba_scenes import Both
+    from plugins.scenes.mitsuba_scenes import Both
 
     bits = np.full((4, 8, 4), 255, np.uint8)
     bits[:, ::2, 3] = 0

@@ -10,9 +10,9 @@ import numpy as np
 
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.frames import apply
+from pipeline.plugins.scenes.labels.sight_lines import SETTLED_PX, SightLines
+from pipeline.plugins.scenes.labels.things import Things
 from pipeline.records.shapes import Bool, Float32, Float64
-from pipeline.render.labels.sight_lines import SETTLED_PX, SightLines
-from pipeline.render.labels.things import Things
 from pipeline.render.pixel_rays import Band, Batch, PixelRays, rays_of
 from pipeline.render.spectral.preview import srgb_encoded
 

@@ -3,10 +3,10 @@
 import math
 
 from pipeline.jit.decorators import borrowed, inline, kernel
-from pipeline.render.lighting import draws
-from pipeline.render.lighting.path_kernels import gap_at
-from pipeline.render.lighting.paths import FACING, RATIO
-from pipeline.render.lighting.refraction import bent, dielectric
+from pipeline.plugins.scenes.lighting import draws
+from pipeline.plugins.scenes.lighting.path_kernels import gap_at
+from pipeline.plugins.scenes.lighting.paths import FACING, RATIO
+from pipeline.plugins.scenes.lighting.refraction import bent, dielectric
 from pipeline.targets.vectors import along, dot, row, unit
 
 _FLAT = 0.01

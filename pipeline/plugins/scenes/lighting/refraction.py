@@ -10,7 +10,7 @@ glass, below 1 out of it, and 0 where there is no glass. Radiance in glass is th
 import math
 
 from pipeline.jit.decorators import inline, unit
-from pipeline.render.lighting.reflection import masking, visible_facet
+from pipeline.plugins.scenes.lighting.reflection import masking, visible_facet
 from pipeline.targets.vectors import along, dot, times
 from pipeline.targets.vectors import unit as of_length_one
 

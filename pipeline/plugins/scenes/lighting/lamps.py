@@ -12,9 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline, unit
-from pipeline.records.plain import from_plain
-from pipeline.records.shapes import Float64
-from pipeline.render.lighting.emitting import (
+from pipeline.plugins.scenes.lighting.emitting import (
     COLUMNS,
     PART,
     PICTURE,
@@ -23,9 +21,11 @@ from pipeline.render.lighting.emitting import (
     shape_of,
     shaped,
 )
+from pipeline.plugins.scenes.lighting.shapes import Glow
+from pipeline.plugins.scenes.lighting.skies import Dome, dome_density, dome_sample, dome_texel
+from pipeline.records.plain import from_plain
+from pipeline.records.shapes import Float64
 from pipeline.render.lighting.records import Lamp, PlacedLamp
-from pipeline.render.lighting.shapes import Glow
-from pipeline.render.lighting.skies import Dome, dome_density, dome_sample, dome_texel
 from pipeline.targets.vectors import across, along, dot, minus, times, world
 from pipeline.targets.vectors import unit as of_length_one
 

@@ -14,22 +14,22 @@ import numpy as np
 from pipeline.camera.parts.spectrum import Slices
 from pipeline.camera.tracer import SEED_STEP
 from pipeline.camera.tracing.records import Leaving
+from pipeline.plugins.scenes.lighting import draws, shapes
+from pipeline.plugins.scenes.lighting import path_kernels as kernels
+from pipeline.plugins.scenes.lighting.draws import Names
+from pipeline.plugins.scenes.lighting.emitting import emitting_of
+from pipeline.plugins.scenes.lighting.glass_kernels import cross
+from pipeline.plugins.scenes.lighting.lamps import TOUCHING, Lamps, lamps_of
+from pipeline.plugins.scenes.lighting.materials import INDEX, SOLID, THRESHOLD, VEIL, Materials, MaterialTable
+from pipeline.plugins.scenes.lighting.paths import Hits, Paths, Shadows
+from pipeline.plugins.scenes.lighting.reflection import Layers, tabled_layers
+from pipeline.plugins.scenes.lighting.shading_kernels import shade
+from pipeline.plugins.scenes.lighting.skies import sky_of
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import PatchLight, add_values, inked
-from pipeline.render.lighting import draws, shapes
-from pipeline.render.lighting import path_kernels as kernels
-from pipeline.render.lighting.draws import Names
-from pipeline.render.lighting.emitting import emitting_of
-from pipeline.render.lighting.glass_kernels import cross
-from pipeline.render.lighting.lamps import TOUCHING, Lamps, lamps_of
-from pipeline.render.lighting.materials import INDEX, SOLID, THRESHOLD, VEIL, Materials, MaterialTable
-from pipeline.render.lighting.paths import Hits, Paths, Shadows
 from pipeline.render.lighting.records import Finish, Lighting
-from pipeline.render.lighting.reflection import Layers, tabled_layers
-from pipeline.render.lighting.shading_kernels import shade
-from pipeline.render.lighting.skies import sky_of
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import MeshScene

@@ -12,8 +12,8 @@ import numpy as np
 
 from pipeline.frames import apply, inverse
 from pipeline.motion import Motion, Shutter
+from pipeline.plugins.scenes.lighting.lit_scene import LitScene
 from pipeline.records.shapes import Float64, Int64
-from pipeline.render.lighting.lit_scene import LitScene
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.surroundings import MeshScene, in_vision
 from pipeline.targets.mesh import Occluder

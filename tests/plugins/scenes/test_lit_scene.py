@@ -4,16 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from laws.lit import lamp, looked, matt, plate, scene, towards
+from laws import rigs
 from laws.rigs import conventional
+from laws.test_channels import BOARD, PRINT
+from plugins.scenes.lit import lamp, looked, matt, plate, scene, towards
 from tolerances import LIT_ERRORS
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
+from pipeline.plugins.scenes.lighting.lit_scene import LitView
+from pipeline.plugins.scenes.lighting.materials import WRAPS, MaterialTable, Spot, input_at
 from pipeline.render.imaging import pictures_in_lights, white_parts
-from pipeline.render.lighting.lit_scene import LitView
-from pipeline.render.lighting.materials import WRAPS, MaterialTable, Spot, input_at
 from pipeline.render.lighting.records import Coat, Input, Lighting, Material, Texture
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
@@ -145,3 +147,15 @@ def test_a_bright_spot_of_the_sky_lights_by_its_irradiance():
     expected = np.sum(values * cosine * np.cos(latitude[::8, ::8].ravel())) * 2 * np.pi**2 / len(values)
     assert abs(math.pi / 0.5 * found - expected) <= LIT_ERRORS * math.pi / 0.5 * error + 0.01 * expected
     assert expected > 0.01
+
+
+def test_below_an_even_sky_ink_and_paper_have_the_radiance_of_their_reflectance() -> None:
+    """The radiance of a matt surface below a sky of 1 is its reflectance, here at two wavelengths."""
+    wavelengths, lighting = (520.0, 590.0), Lighting(lamps=(lamp("dome"),), coats=(None,), bounces=0)
+    lights = tuple(map(alone, wavelengths))
+    view = LitView([(BOARD, rigs.facing(434.4))], [], lighting, {}, 0.0, lights, [PRINT.colours(BOARD, lights)])
+    for number, nm in enumerate(wavelengths):
+        found = sorted(looked(view.in_light(number), (0.0, y, 434.4)) for y in (-20.0, 20.0))
+        expected = sorted(np.interp(nm, one.wavelengths_nm, one.reflectance) for one in (PRINT.ink, PRINT.paper))
+        for (mean, error), value in zip(found, expected, strict=True):
+            assert abs(mean - value) <= LIT_ERRORS * error + 1e-9
