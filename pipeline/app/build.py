@@ -287,20 +287,19 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
     """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles what is missing all the same."""
     steps = {"lens"}
     for task in tasks:
-        kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
-        steps.add(_STEP_OF_KIND.get(kind, "lens"))
+        steps.add(_STEP_OF_KIND.get(task.product, "lens"))
         if task.short_kind == "camera":
             array, surfaces = task.params["microlenses"], task.params["prescription"]["surfaces"]
             if any(row["conic"] or row["even_coefficients"] or row["odd_coefficients"] for row in surfaces):
                 steps.add("aspheres")
             if array and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0):
                 steps.add("microlenses")
-        if kind == "truth" and task.params["table"]["settings"]["method"] != "direct":
+        if task.product == "truth" and task.params["table"]["settings"]["method"] != "direct":
             steps.add("search")
         if view := task.params.get("view"):
             shapes = [placed["target"].get("surface", placed["target"])["kind"] for placed in view.get("targets", ())]
             hides = shapes != ["flat"] or view.get("occluders") or view.get("lighting")
-            steps |= {"company"} if kind == "image" and hides else set()
+            steps |= {"company"} if task.product == "image" and hides else set()
             steps |= {"lighting"} if view.get("lighting") else set()
             steps |= {"shapes"} if set(shapes) & _NOT_FLAT else set()
     return tuple(step for step in STEPS if step in steps)

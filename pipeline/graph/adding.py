@@ -1,8 +1,4 @@
-"""Tasks added to a graph: their names, kinds and parameters, alone, as tiles, or as passes over strips of rows.
-
-Of images that are sampled to a stated noise, all passes that there may be are in the graph, with checks between them.
-Those after the noise is low enough hand on what they read.
-"""
+"""Tasks added to a graph: their names, kinds and parameters, alone, as tiles, or as strips of rows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,12 +7,12 @@ from typing import Any
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.limits import MOST_SAMPLES
 from pipeline.records.plain import to_plain
-from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, NoiseCheck, Nothing, White
+from pipeline.tasks.params.cameras import FIRST, OWN, White
 from pipeline.tasks.params.frames import Image
 
 _MODULES = {
     "camera": ("camera", "pinhole", "first_order"),
-    "images": ("image", "image_tile", "image_pass", "white", "white_tile", "white_pass", "noise_level", "noise_check"),
+    "images": tuple(f"{kind}{part}" for kind in ("image", "white") for part in ("", "_tile", "_first", "_strip")),
     "derivatives": ("derivatives",),
     "micro_images": ("micro_images", "micro_images_tile"),
     "pictures": ("sheet",),
@@ -65,45 +61,18 @@ def add_tiles(
     }
 
 
-def add_passes(
+def add_strips(
     graph: TaskGraph, name: str, parts: Sequence[White | Image], reads: dict[str, str], noise: float
 ) -> dict[str, str]:
-    """Add all passes over an image; role and name of what the image reads of them.
+    """Add the tasks of an image that is sampled to a stated noise; role and name of what the image reads of them.
 
-    The name is that of the passes and what they belong to, such as `image_pass/Rig.Camera/0001`; `parts` are the first
-    pass over each strip. A name in `reads` that ends with a slash stands for strips: their first passes. The noise that
-    is asked for is a standard error relative to the mean of the image.
+    A first pass over each of `parts` says the mean of the image, relative to which the noise is a standard error; then
+    each strip takes as many passes as it needs.
     """
     kind, _, subject = name.partition("/")
-    subject = subject if kind == "image_pass" else f"{subject}/white"
-    reads_of = [
-        {role: pass_name(read[:-1], strip, 0) if read.endswith("/") else read for role, read in reads.items()}
-        for strip in range(len(parts))
-    ]
-    first = [
-        add(graph, pass_name(name, strip, 0), part, source)
-        for strip, (part, source) in enumerate(zip(parts, reads_of, strict=True))
-    ]
-    level = add(graph, f"noise_level/{subject}", Nothing(), _roles(STRIP, first))
-    last = list(first)
-    for number in range(1, passes_of(parts[0].exposure.samples)):
-        for strip, part in enumerate(parts):
-            check = f"noise_check/{subject}/{strip:04d}/{number - 1:02d}"
-            add(graph, check, NoiseCheck(noise=noise), {BEFORE: last[strip], "level": level})
-            source = {**reads_of[strip], "first": first[strip], BEFORE: last[strip], CHECK: check}
-            last[strip] = add(graph, pass_name(name, strip, number), replace(part, number=number), source)
-    return {"level": level, **_roles(STRIP, last), **_roles("first", first)}
-
-
-def passes_of(samples: int) -> int:
-    """Number of passes that there may be after a first one with so many samples, itself included."""
-    return 1 + max(0, (MOST_SAMPLES // samples).bit_length() - 1)
-
-
-def pass_name(name: str, strip: int, number: int) -> str:
-    """Name of a pass over a strip."""
-    return f"{name}/{strip:04d}/{number:02d}"
-
-
-def _roles(role: str, names: Sequence[str]) -> dict[str, str]:
-    return {f"{role}{number}": name for number, name in enumerate(names)}
+    first = add_tiles(graph, f"{kind}_first/{subject}", parts, reads, least=1)
+    firsts = {f"{FIRST}{number}": task for number, task in enumerate(first.values())}
+    known = {**reads, **firsts, OWN: f"{kind}_first/{subject}/"}
+    passes = 1 + max(0, (MOST_SAMPLES // parts[0].exposure.samples).bit_length() - 1)
+    wanted = [replace(part, noise=noise, passes=passes) for part in parts]
+    return {**add_tiles(graph, f"{kind}_strip/{subject}", wanted, known, least=1), **firsts}

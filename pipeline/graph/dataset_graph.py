@@ -13,7 +13,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest, shown_f_number
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.entry_points import plugged_in
-from pipeline.graph.adding import add, add_passes, add_tiles
+from pipeline.graph.adding import add, add_strips, add_tiles
 from pipeline.graph.derivatives import add_derivatives
 from pipeline.graph.exports import add_exports
 from pipeline.graph.frame_tasks import FrameTasks, channel_label, exposure_of, light_of
@@ -167,7 +167,7 @@ def _add_white(graph: TaskGraph, entry: CameraEntry, reads: dict[str, str], name
         params = cameras.White(exposure=exposure, tiles=len(tiles), is_smooth=is_smooth)
     else:
         first = [cameras.White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in strips(sensor)]
-        tiles = add_passes(graph, f"white_pass/{name}", first, reads, noise)
+        tiles = add_strips(graph, f"white/{name}", first, reads, noise)
         params = cameras.White(exposure=exposure, tiles=len(first), is_smooth=is_smooth, noise=noise)
     white = add(graph, f"white/{name}", params, {**reads, **tiles})
     return white, _add_micro_images(graph, entry, reads, name) if entry.asked.microlenses else None

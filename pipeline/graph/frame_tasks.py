@@ -10,7 +10,7 @@ from pipeline.camera.parts.spectrum import Slices, alone
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.frames import apply
-from pipeline.graph.adding import add, add_passes, add_tiles, pass_name, passes_of
+from pipeline.graph.adding import add, add_strips, add_tiles
 from pipeline.graph.poses import Things, matrix, target_poses
 from pipeline.graph.settled import camera_task
 from pipeline.graph.tiles import image_bands, point_tiles, strips
@@ -57,11 +57,10 @@ def lights_of(entry: CameraEntry) -> tuple[Slices, ...]:
 
 def frame_of(task: Task, field: str | None) -> int | None:
     """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
-    kind = task.short_kind.removesuffix("_tile").removesuffix("_pass")
+    kind = task.product
     kinds = ("image", "labels", "truth", "derivatives", "positions", "colour_image", "expose")
-    of_frames = kind in kinds or kind.startswith("noise_")
     parts = task.name.split("/")
-    if of_frames and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
+    if kind in kinds and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
         return int(parts[2])
     match = re.match(r"params\.frames\[(\d+)\]", field or "")
     return int(task.params["frames"][int(match[1])]["number"]) if match else None
@@ -138,7 +137,7 @@ class FrameTasks:
 
     def _add_image(self, name: str, view: frames.PaintedView, shutter: Shutter | None) -> str:
         if self.entry.image_noise is not None:
-            return self._add_image_in_passes(name, view, shutter, self.entry.image_noise)
+            return self._add_image_in_strips(name, view, shutter, self.entry.image_noise)
         camera, exposure = self.entry.full_name, self._exposure
         parts = [self.painted.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in self._bands]
         # The rays that leave the camera are the same in every frame: frames share them.
@@ -150,16 +149,14 @@ class FrameTasks:
         reads = {**self._reads, **tiles} if tiles else {**reads, "white": f"white/{camera}"}
         return add(self.graph, f"image/{name}", params, reads, None if tiles else together)
 
-    def _add_image_in_passes(self, name: str, view: frames.PaintedView, shutter: Shutter | None, noise: float) -> str:
-        exposure, white = self._exposure, f"white_pass/{self.entry.full_name}"
-        bands = strips(self.entry.asked.sensor)
+    def _add_image_in_strips(self, name: str, view: frames.PaintedView, shutter: Shutter | None, noise: float) -> str:
+        exposure, camera, bands = self._exposure, self.entry.full_name, strips(self.entry.asked.sensor)
         parts = [self.painted.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
-        reads = {**self._reads, "white": f"{white}/", **self.painted.reads}
-        passes = add_passes(self.graph, f"image_pass/{name}", parts, reads, noise)
-        last = passes_of(exposure.samples) - 1
-        whites = {f"white{strip}": pass_name(white, strip, last) for strip in range(len(parts))}
+        reads = {**self._reads, "white": f"white_first/{camera}/", **self.painted.reads}
+        of_strips = add_strips(self.graph, f"image/{name}", parts, reads, noise)
+        whites = {f"white{strip}": f"white_strip/{camera}/{strip:04d}" for strip in range(len(parts))}
         params = self.painted.IMAGE(exposure=exposure, tiles=len(parts), view=None, noise=noise)
-        return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **passes})
+        return add(self.graph, f"image/{name}", params, {**self._reads, **whites, **of_strips})
 
     def _painted(self, frame: Frame) -> frames.PaintedView:
         view = self.painted.view(frame, self.entry, self._colours)

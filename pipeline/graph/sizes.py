@@ -65,19 +65,17 @@ def size(_: str, params: Params) -> float:
     """
     rows = params["end_row"] - params["first_row"] if "end_row" in params else 1
     rays = params.get("sampling") or params.get("exposure") or {}
-    # Passes double the samples; how many rows a strip has is forgotten as a tile's is.
-    rows *= 1 << max(0, params.get("number", 0) - 1)
     return float(rows * rays.get("supersampling", 1) ** 2 * rays.get("samples", 0))
 
 
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
-    """Cost of a task of which only its rays are known. Passes after the first one, maybe not needed, count nothing."""
+    """Cost of a task of which only its rays are known. Passes after the first, maybe not needed, count nothing."""
     params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
     how = params.get("sampling") or params.get("exposure")
     camera = graph[graph[name].reads.get("camera", name)].params
     if "claim_px" in params or ("table" in params and params["view"]):
         (rays, more_s), ray_s = _cost_of_rows(params, as_json(camera)), SECONDS_PER_RAY / 2  # most are blocked early
-    if how and not params.get("tiles") and not params.get("number"):
+    if how and not params.get("tiles") and not params.get("passes"):
         sensor = camera["sensor"]
         first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
         rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2

@@ -93,8 +93,9 @@ def folder_of(out: Path) -> Path:
 PICTURES = (".exr", ".png", ".tiff", ".dng")
 """Ends of the names of files with a value per pixel."""
 DEVICES = ("cuda",)
-BUNDLES, IMAGES = ("rays_tile",), ("white", "white_tile", "white_pass", "image", "image_tile", "image_pass")
-"""Kinds of tasks whose rays a device can trace: bundles of position images in float64, those of images in float32."""
+BUNDLES, IMAGES = "rays_tile", ("white", "image")
+"""Kind of tasks, and products, whose rays a device can trace: bundles of position images in float64, images in float32.
+"""
 
 
 def on_device(project: Project, options: BuildOptions) -> Project:
@@ -118,8 +119,8 @@ def on_device(project: Project, options: BuildOptions) -> Project:
 
 def _on(device: str, task: Task) -> Params:
     """Parameters of a task with the device, if it can use one: not of smooth white images, made by quadrature."""
-    if task.short_kind in BUNDLES:
+    if task.short_kind == BUNDLES:
         return {**task.params, "device": device}
-    if task.short_kind in IMAGES and not task.params.get("is_smooth"):
+    if task.product in IMAGES and not task.params.get("is_smooth"):
         return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
     return task.params

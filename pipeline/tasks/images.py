@@ -1,13 +1,12 @@
-"""Tasks of images and white images: whole, in tiles of rows, or in passes until their noise is low enough.
+"""Tasks of images and white images: whole, in tiles of rows, or in strips that take passes until their noise is low.
 
-The verdict of `noise_check` is all that the next pass reads of the noise that was asked for: passes that two requests
-have in common are the same tasks, so that a finer request goes on from the samples of a coarser one.
+Noise is relative to the mean of the image, which the first passes over all strips say. A strip then goes on alone.
 """
 
 import dataclasses
 import math
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,40 +28,36 @@ from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, stan
 from pipeline.render.spectral.preview import srgb_preview
 from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig, in_bands, light_file, stacked, tracer_alone
 from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
-from pipeline.tasks.params.cameras import BEFORE, CHECK, STRIP, Exposure, NoiseCheck, Nothing, White
+from pipeline.tasks.params.cameras import FIRST, OWN, STRIP, Exposure, Rendering, White
 from pipeline.tasks.params.frames import Image, PaintedView
 
 WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
 MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
-LEVEL, VERDICT = "level.json", "verdict.json"
 ScenesAt = Callable[[PaintedView | None, list[float], Inputs], list[SceneView]]
 """Reader of the view of an image, of the type that the params of its task have, at instants [s] after the time code of
 its frame."""
 
 
-class SoFar(NamedTuple):
-    """Some rows after a pass: passes that took samples, the root mean square of the standard errors of the pixels that
-    have any and the sum of all pixels, both as relative irradiance, and the number of pixels.
-    """
+class FirstFacts(NamedTuple):
+    """Facts about the rows of a strip after the first pass: the sum of all pixels, and their number."""
 
-    passes: int
-    noise: float
     light: float
     pixels: int
 
 
-def facts_of(inputs: Inputs, role: str) -> SoFar:
-    """Facts that a pass left about its rows."""
-    return SoFar(**read_json(inputs[role][FACTS]))
+class LastFacts(NamedTuple):
+    """Facts about the rows of a strip: the passes, and the root mean square of the standard errors of pixels that have
+    any.
+    """
+
+    passes: int
+    noise: float
 
 
-def is_handed_on(number: int, inputs: Inputs, out: Path) -> bool:
-    """Whether the passes before have as little noise as asked for; then what the pass before left is left again."""
-    if number == 0 or read_json(inputs[CHECK][VERDICT])["goes_on"]:
-        return False
-    for name in (MEANS, FACTS):
-        shutil.copyfile(inputs[BEFORE][name], out / name)
-    return True
+def level_of(inputs: Inputs) -> float:
+    """The mean of an image after the first passes over all strips."""
+    firsts = [FirstFacts(**read_json(files[FACTS])) for role, files in inputs.items() if role.startswith(FIRST)]
+    return math.fsum(first.light for first in firsts) / sum(first.pixels for first in firsts)
 
 
 def replicas_of(number: int, samples: int, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
@@ -71,16 +66,33 @@ def replicas_of(number: int, samples: int, render: Callable[[Batch], np.ndarray]
     return np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
 
 
-def means_of(number: int, inputs: Inputs, now: np.ndarray) -> np.ndarray:
-    """Means of each replica so far, (replicas, ...), after a pass."""
-    return joined(read_npy(inputs[BEFORE][MEANS]) if number else None, now)
-
-
-def write_pass(out: Path, means: np.ndarray, seen: np.ndarray, passes: int, light: float) -> None:
-    """Write the means of replicas, and facts about the images (replicas, h, w) in which noise is judged."""
+def write_first(out: Path, means: np.ndarray, image: np.ndarray) -> None:
+    """Write the replicas of a first pass, and facts about the image (h, w) that is their mean."""
     write_npy(out / MEANS, means)
-    facts = SoFar(passes, noise_of(standard_error(seen)), light, int(seen[0].size))
-    write_json(out / FACTS, facts._asdict())
+    write_json(out / FACTS, FirstFacts(float(image.sum()), image.size)._asdict())
+
+
+def write_strip(
+    out: Path,
+    params: Rendering,
+    inputs: Inputs,
+    replicas: Callable[[int], np.ndarray],
+    image: Callable[[np.ndarray], np.ndarray] = lambda means: means,
+) -> None:
+    """Take passes over a strip until its noise is low enough, or there are as many as there may be; write the means of
+    all, and facts.
+
+    `replicas` makes those of a pass; `image` the images (replicas, h, w), in which noise is judged, of means.
+    """
+    assert params.noise is not None  # strips have one
+    level, means, passes = level_of(inputs), read_npy(inputs[OWN][MEANS]), 1
+    while (noise := noise_of(standard_error(image(means)))) > params.noise * level and passes < params.passes:
+        means = joined(means, replicas(passes))
+        passes += 1
+    write_npy(out / MEANS, means)
+    write_json(out / FACTS, LastFacts(passes, noise)._asdict())
+    if level > 0:
+        work().news = f"noise {noise / level:.2g} after pass {passes}, asked {params.noise:g}"
 
 
 class Rendered(NamedTuple):
@@ -92,14 +104,15 @@ class Rendered(NamedTuple):
 
 
 def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
-    """An image whose strips are after their last pass, the roles `tile0`, `tile1`, …; the mean over its replicas.
+    """An image of strips, the roles `tile0`, `tile1`, …; the mean over its replicas.
 
     `asked` is the noise relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
     """
     strips = range(sum(role.startswith(STRIP) for role in inputs))
     images = (replicas(strip) for strip in strips)
     pixels, errors = zip(*((image.mean(axis=0), standard_error(image)) for image in images), strict=True)
-    facts, level = [facts_of(inputs, f"{STRIP}{strip}") for strip in strips], read_json(inputs["level"][LEVEL])["mean"]
+    facts = [LastFacts(**read_json(inputs[f"{STRIP}{strip}"][FACTS])) for strip in strips]
+    level = level_of(inputs)
     labels = {
         "noise_asked": asked,
         "noise": max(strip_facts.noise for strip_facts in facts) / level if level > 0 else 0.0,
@@ -131,19 +144,32 @@ def white_tile(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np
     return white, foreign
 
 
-def white_pass(params: White, inputs: Inputs, out: Path) -> None:
+def white_first(params: White, inputs: Inputs, out: Path) -> None:
     """Write the white images of all replicas, (replicas, 2, h, w, wavelengths) as of `white_parts`, and facts."""
-    if is_handed_on(params.number, inputs, out):
-        return
     rig = imaged_rig(inputs, params.exposure)
+    means = _white_replicas(params, rig, 0)
+    write_first(out, means, imaging.in_all(rig.tracer, means[:, 0]).mean(axis=0))
+
+
+def white_strip(params: White, inputs: Inputs, out: Path) -> None:
+    """Write the same after all passes that a strip needs."""
+    rig = imaged_rig(inputs, params.exposure)
+    write_strip(
+        out,
+        params,
+        inputs,
+        lambda number: _white_replicas(params, rig, number),
+        lambda means: imaging.in_all(rig.tracer, means[:, 0]),
+    )
+
+
+def _white_replicas(params: White, rig: Rig, number: int) -> np.ndarray:
     known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
 
     def parts(batch: Batch) -> np.ndarray:
         return imaging.white_parts(rig, batch, params.rows) if known is None else known
 
-    means = means_of(params.number, inputs, replicas_of(params.number, params.exposure.samples, parts))
-    seen = imaging.in_all(rig.tracer, means[:, 0])
-    write_pass(out, means, seen, params.number + 1, float(seen.mean(axis=0).sum()))
+    return replicas_of(number, params.exposure.samples, parts)
 
 
 def white(params: White, inputs: Inputs, out: Path) -> None:
@@ -236,54 +262,62 @@ def exposures(
         yield (opens_s + after_s).tolist(), some, columns
 
 
-def image_pass(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
-    """Write what is sampled of all replicas, (replicas, h, w), and facts; first the colours of the rest, too, (2, h, w,
+def image_first(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
+    """Write what is sampled of all replicas, (replicas, h, w), facts, and the colours of the rest, (2, h, w,
     wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
     """
-    if is_handed_on(params.number, inputs, out):
-        return
-    exposure, rows, shutter = params.exposure, params.rows, params.shutter
+    now, colour = _image_replicas(params, inputs, 0, None, scenes_at)
+    known = imaging.known_in_lights(tracer_alone(inputs, params.exposure.seed), _first_white(inputs), colour)
+    write_npy(out / COLOURS, colour)
+    write_first(out, now, now.mean(axis=0) + known)
+
+
+def image_strip(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
+    """Write what is sampled in all passes that a strip needs."""
+    kept = None if params.shutter else read_npy(inputs[OWN][COLOURS])[None]
+    write_strip(out, params, inputs, lambda number: _image_replicas(params, inputs, number, kept, scenes_at)[0])
+
+
+def _first_white(inputs: Inputs) -> np.ndarray:
+    return read_npy(inputs["white"][MEANS]).mean(axis=0)  # type: ignore[no-any-return]
+
+
+def _image_replicas(
+    params: Image, inputs: Inputs, number: int, kept: np.ndarray | None, scenes_at: ScenesAt
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a pass samples, and the colours of the rest, as `image_first` has them; `kept` are known colours."""
+    rows, shutter = params.rows, params.shutter
     assert rows is not None  # passes are over strips
-    rig, white = imaged_rig(inputs, exposure), read_npy(inputs["white"][MEANS]).mean(axis=0)
-    kept = None if shutter or params.number == 0 else read_npy(inputs["first"][COLOURS])[None]
-    parts = []
+    rig, white, parts = imaged_rig(inputs, params.exposure), _first_white(inputs), []
     for times_s, some, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
         scenes = scenes_at(params.view, times_s, inputs)
         first, end = steadied_by(rig, columns)
         bands = imaging.bands_in_lights(rig, some, (first, end))
         there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
-        light, seen = _sampled(params, rig, bands, scenes, there, kept)
+        colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
+        sampled = partial(_sampled, rig, bands, scenes, there, colour)
+        light = replicas_of(number, params.exposure.samples, sampled)
+        seen = np.nan_to_num(colour).mean(axis=0) if shutter else colour[0]
         own = slice(columns[0] - first, columns[1] - first)
         parts.append((light[..., own], seen[..., own, :]))
     now, colour = (np.concatenate(part, axis=2 - shutter.axis if shutter else 1) for part in zip(*parts, strict=True))
-    means = means_of(params.number, inputs, now)
-    if params.number == 0:
-        write_npy(out / COLOURS, colour)
-    known = imaging.known_in_lights(rig.tracer, white, colour)
-    write_pass(out, means, means, params.number + 1, float(np.sum(means.mean(axis=0) + known)))
+    return now, colour
 
 
 def _sampled(
-    params: Image, rig: Rig, bands: list[Band], scenes: list[SceneView], white: np.ndarray, kept: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Light that a pass samples of pixels that see the same instants, and their colours, as `image_pass` has them."""
-    colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
-    light = replicas_of(
-        params.number,
-        params.exposure.samples,
-        lambda batch: imaging.sampled_in_lights(rig, bands, batch, scenes, white, colour).mean(axis=0),
-    )
-    return light, np.nan_to_num(colour).mean(axis=0) if params.shutter else colour[0]
+    rig: Rig, bands: list[Band], scenes: list[SceneView], white: np.ndarray, colour: np.ndarray, batch: Batch
+) -> np.ndarray:
+    return imaging.sampled_in_lights(rig, bands, batch, scenes, white, colour).mean(axis=0)
 
 
 def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_at: ScenesAt = scenes_at) -> None:
     """The image of a camera in a frame, linear and as a preview: image.exr and image.png.
 
-    It is that of tiles or passes; without these, several frames share their rays.
+    It is that of tiles or strips; without these, several frames share their rays.
     """
     first, exposure = params[0], params[0].exposure
     if first.noise is not None:
-        images = [_from_passes(first.noise, exposure, inputs)]
+        images = [_from_strips(first.noise, exposure, inputs)]
     elif first.tiles:
         images = [Rendered(stacked(inputs, first.tiles, PIXELS))]
     else:
@@ -292,12 +326,12 @@ def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_
         write_image(out, "image", rendered, exposure, tracer_alone(inputs, exposure.seed))
 
 
-def _from_passes(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
-    """The image after the last passes over it and over the white image; each replica takes the same one of both."""
+def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
+    """The image of strips of it and of the white image; each replica takes the same one of both."""
     tracer = tracer_alone(inputs, exposure.seed)
 
     def replicas(strip: int) -> np.ndarray:
-        colour = read_npy(inputs[f"first{strip}"][COLOURS])
+        colour = read_npy(inputs[f"{FIRST}{strip}"][COLOURS])
         known = [imaging.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
         return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(known)  # type: ignore[no-any-return]
 
@@ -329,19 +363,3 @@ def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
     if labels.pop("diffraction"):
         labels["diffraction"] = "of the stop, or of each microlens"
     return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}
-
-
-def noise_level(params: Nothing, inputs: Inputs, out: Path) -> None:
-    """The mean of an image after the first pass, to which its noise is relative: level.json."""
-    parts = [facts_of(inputs, role) for role in sorted(inputs)]
-    level = math.fsum(part.light for part in parts) / sum(part.pixels for part in parts)
-    write_json(out / LEVEL, {"mean": level})
-
-
-def noise_check(params: NoiseCheck, inputs: Inputs, out: Path) -> None:
-    """Whether some rows of an image need another pass: verdict.json; tells the noise to whoever watches the build."""
-    facts, level = facts_of(inputs, BEFORE), read_json(inputs["level"][LEVEL])["mean"]
-    goes_on = facts.noise > params.noise * level
-    write_json(out / VERDICT, {"goes_on": goes_on})
-    if level > 0:
-        work().news = f"noise {facts.noise / level:.2g}, asked {params.noise:g}"

@@ -9,7 +9,8 @@ from stage_text import plen
 RAYS = {"rays_tile", "rays"}
 IMAGES = {"image", "white"}
 LABELS = {"labels"}
-IN_PASSES = {"image_pass", "white_pass", "noise_level", "noise_check"} | IMAGES
+STRIPS = {"image_strip", "white_strip"} | IMAGES
+IN_PASSES = {"image_first", "white_first"} | STRIPS
 POSES = {"frame_poses", "baselines"}
 """Where cameras and targets stand; to the pinhole, which is fitted between the near and the far plane."""
 PINHOLE = {"pinhole"} | POSES
@@ -396,7 +397,7 @@ CAMERAS = {
     "plen:shutter:opens": [Case(A, (1.0, 500.0), TIMED), Case(B, (1.0, 500.0), MOVED, given=FLIES)],
     "plen:image:noise": [
         Case(A, 0.1, IN_PASSES),
-        Case(A, 0.05, IN_PASSES - {"noise_level"}, given=plen(A, image__noise=0.1)),
+        Case(A, 0.05, STRIPS, given=plen(A, image__noise=0.1)),
         Case(B, 0.1, IN_PASSES),
     ],
     "plen:image:diffraction": [Case(A, True, IMAGES), Case(B, True, IMAGES)],

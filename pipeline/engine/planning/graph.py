@@ -53,6 +53,11 @@ class Task:
         """Name of the task's function, or of its module if that has one function."""
         return self.kind.replace(":", ".").rpartition(".")[2]
 
+    @property
+    def product(self) -> str:
+        """Its short kind; of a part of the work, a tile, strip or first pass, that of the whole."""
+        return re.sub("_(tile|strip|first)$", "", self.short_kind)
+
 
 class TaskGraph:
     """Tasks whose kinds lie in certain packages; acyclic, because a task can only read tasks added before it."""

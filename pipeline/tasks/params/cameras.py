@@ -124,8 +124,8 @@ class Parts:
     up_axis: str
 
 
-BEFORE, CHECK, STRIP = "before", "check", "tile"
-"""Roles of the pass before, of the verdict about it, and, with a number, of a pass over some rows."""
+FIRST, OWN, STRIP = "first", "own", "tile"
+"""Roles, with a number, of the first pass over a strip; of that of its own; and, with a number, of a strip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,12 +146,13 @@ class Exposure:
 class Rendering:
     """An image: whole, from a number of tiles, or the first to an end row of it.
 
-    `noise`: the standard error that was asked for, of the last passes over strips; passes are numbered from 0.
+    `noise`: the standard error that was asked for, relative to the mean of the image; `passes`: most of them over a
+    strip.
     """
 
     exposure: Exposure
     rows: tuple[int, int] | None = None
-    number: int = 0
+    passes: int = 0
     tiles: int = 0
     noise: float | None = None
 
@@ -161,10 +162,3 @@ class White(Rendering):
     """The image of a white scene; `is_smooth`: neither microlenses nor diffraction, so that quadrature may know it."""
 
     is_smooth: bool
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseCheck:
-    """Standard error that was asked for, relative to the mean of the image."""
-
-    noise: float

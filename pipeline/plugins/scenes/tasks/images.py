@@ -26,9 +26,14 @@ def image_tile(params: Sequence[LitImage], inputs: Inputs, outs: Sequence[Path])
     images.image_tile(params, inputs, outs, scenes_at)
 
 
-def image_pass(params: LitImage, inputs: Inputs, out: Path) -> None:
-    """Replicas of some rows of an image, and facts about their noise."""
-    images.image_pass(params, inputs, out, scenes_at)
+def image_first(params: LitImage, inputs: Inputs, out: Path) -> None:
+    """The first pass over some rows of an image."""
+    images.image_first(params, inputs, out, scenes_at)
+
+
+def image_strip(params: LitImage, inputs: Inputs, out: Path) -> None:
+    """All passes over some rows of an image that they need."""
+    images.image_strip(params, inputs, out, scenes_at)
 
 
 def image(params: Sequence[LitImage], inputs: Inputs, outs: Sequence[Path]) -> None:
@@ -38,7 +43,7 @@ def image(params: Sequence[LitImage], inputs: Inputs, outs: Sequence[Path]) -> N
 
 def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[SceneView]:
     """A lit view at instants after the time code of its frame."""
-    assert isinstance(view, LitPaintedView)  # as `LitImage` says; images of tiles and passes have none
+    assert isinstance(view, LitPaintedView)  # as `LitImage` says; images of tiles and strips have none
     return [lit_view(lit_at(view, time_s), inputs) for time_s in times_s]
 
 
