@@ -1,4 +1,4 @@
-"""The bundle of one image position as rays, for notebooks and for anything that wants to look at single rays."""
+"""The bundle of one image position as rays, for notebooks and for the study of single rays."""
 
 from dataclasses import dataclass
 
@@ -15,19 +15,20 @@ from pipeline.records.declared import integer, number
 from pipeline.records.shapes import Float64
 
 _FARTHEST_PX = 1 << 23
-"""Farthest image position [px]: half of what streams of random numbers lie apart, and no sensor is as wide."""
+"""Farthest image position [px]: half the distance between streams of random numbers, wider than any sensor."""
 _MOST_RAYS = 1 << 24
 """Most rays of a call: they take 1 GiB."""
 _LAST_SEED = (1 << 31) - 1
-"""Largest seed: the one of a stage, `plen:seed`, is a signed integer of 32 bits."""
+"""Largest seed: that of a stage, `plen:seed`, is a signed integer of 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """Rays of one sensor position that leave the camera, vision frame.
+    """Rays from one sensor position that leave the camera, vision frame.
 
     - `origin_mm`, `direction`: a point of each ray on the front surface of the lens, and its unit direction.
-    - `weight_sr`: share of the integral of cos(theta) d omega at the sensor; of a camera that weighs area in mm^2.
+    - `weight_sr`: contribution to the integral of cos(theta) d omega at the sensor; of a camera that weighs area in
+    mm^2.
     """
 
     origin_mm: Float64[np.ndarray, "n 3"]
@@ -49,12 +50,12 @@ class Bundle:
 
 
 def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, seed: int = 0) -> Bundle:
-    """Trace the bundle of one image position; of a plenoptic camera only through the microlens whose cell it lies in.
+    """Trace the bundle of one image position, in a plenoptic camera only through the microlens of its cell.
 
     `x_px`, `y_px`: image position, (0, 0) is the centre of the top-left pixel.
     `samples`: rays to start for each wavelength of the camera's light, a power of two; blocked ones are left out.
 
-    Raises CameraError: an argument is no such number.
+    Raises CameraError: an argument is out of range.
     """
     x_px, y_px = (
         number(name, value, CameraError, -_FARTHEST_PX, _FARTHEST_PX)
@@ -72,11 +73,11 @@ def bundle(camera: Camera, x_px: float, y_px: float, *, samples: int = 1024, see
 def bundle_behind(
     tracer: Tracer, x_px: float, y_px: float, microlens: int, samples: int, drawn_at: tuple[int, int] | None = None
 ) -> Bundle:
-    """The bundle of one image position through one microlens, its row in the lattice or NO_MICROLENS.
+    """The bundle of one image position through one microlens, given by its row in the lattice or NO_MICROLENS.
 
-    `samples`: rays to start for each wavelength, a power of two. Positions that are rounded to the same pixel have the
-        same random numbers, so that differences between them are smooth.
-    `drawn_at`: the pixel whose random numbers rays have instead.
+    `samples`: rays to start for each wavelength, a power of two. Positions in the same pixel share their random
+    numbers, so that differences between them are smooth.
+    `drawn_at`: another pixel whose random numbers the rays take.
     """
     position = tracer.positions_mm(np.array([x_px]), np.array([y_px]))
     pixel = np.array([drawn_at or (round(x_px), round(y_px))])

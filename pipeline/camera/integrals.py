@@ -1,4 +1,4 @@
-"""Integrals over bundles to a wanted accuracy: quadrature over the traced edge, random rays where that fails.
+"""Integrals over bundles to a requested accuracy: quadrature within the traced boundary, random rays where that fails.
 
 Quadrature and random rays share the trace and nothing else, so that each can judge the other.
 """
@@ -17,23 +17,24 @@ from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Bool, Float64, Int64
 
 NODES = ((6, 16), (8, 32), (12, 64), (16, 128), (24, 256))
-"""Levels of the quadrature: nodes along the radius and over the circle. The error is that of the level before."""
+"""Levels of the quadrature: nodes along the radius and over the circle. The error of a level is its difference from the
+one before."""
 SQUARE_NODES = (2, 3, 5, 8, 12)
-"""Nodes of the same levels along each edge of a square that rays start on: half as many again from level to level."""
+"""Nodes of each level along an edge of a square from which rays start: half as many again from level to level."""
 RANDOM_RAYS = (1 << 12, 1 << 14, 1 << 16, 1 << 18, 1 << 20)
-"""Rays of the same levels where a bundle is not star-shaped, or where random rays are asked for: four times as many
-halve a standard error at least."""
+"""Random rays of each level, where a bundle is not star-shaped or they are requested: four times as many halve a
+standard error at least."""
 LEVELS = len(NODES)
-"""Number of levels, the same in the three lists above."""
+"""Number of levels in the three lists above."""
 
 _STREAM_PX = 1 << 24
-"""Distance of the pixels of another stream of random numbers [px]: no sensor is as wide."""
+"""Distance in pixels between streams of random numbers [px]: wider than any sensor."""
 _ANCHORED_PX = 0.5
-"""Farthest anchor [px]: half of the pixel within which a region holds for other positions."""
+"""Farthest anchor [px]: half of the pixel within which a region serves other positions."""
 _NODES_AT_ONCE = 1 << 22
-"""Nodes of quadrature of a stretch of squares: bounds memory, and no result depends on it."""
+"""Quadrature nodes of a batch of squares: bounds memory, and no result depends on it."""
 _Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
-"""Moments and status of each level, and rays traced."""
+"""Moments and status of each level, and the number of rays traced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,26 +45,26 @@ class Bundles:
     microlens: Int64[np.ndarray, "n"]  # row of the microlens of each, or NO_MICROLENS
     planes: Float64[np.ndarray, "n 2 4 3"]  # two planes of each on which it has moments
     square_px: float = 0.0  # edge of the square around a position that rays start on; 0: the position itself
-    #  or None, positions near their anchors have the random rays of these: a search keeps them, so that its integrals
-    # change smoothly with the position. None: each has its own.
+    # Positions whose random rays neighbours share: a search keeps its anchors, so that its integrals change smoothly
+    # with the position. None: each position has its own.
     anchor_px: Float64[np.ndarray, "n 2"] | None = None
 
     @property
-    def known(self) -> np.ndarray:
+    def exists(self) -> np.ndarray:
         """Whether there is a bundle, (n,) bool."""
         return ~np.isnan(self.x_px).any(axis=1)
 
     def lit(self) -> "Bundles":
-        """The same with numbers in place of NaN, where the microlens is to be skipped."""
-        x_px = np.where(self.known[:, None], self.x_px, 0.0)
-        return replace(self, x_px=x_px, microlens=np.where(self.known, self.microlens, SKIP))
+        """The bundles with finite positions in place of NaN, where the microlens is skipped."""
+        x_px = np.where(self.exists[:, None], self.x_px, 0.0)
+        return replace(self, x_px=x_px, microlens=np.where(self.exists, self.microlens, SKIP))
 
     def only(self, rows: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"] | slice) -> "Bundles":
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 
     def at_nodes(self, level: int) -> tuple["Bundles", np.ndarray]:
-        """Bundles of all nodes of the squares on which rays start, (n m,), and the shares of the nodes of one, (m,)."""
+        """Bundles at the nodes of the squares from which rays start, (n m,), and the weights of one square, (m,)."""
         if not self.square_px > 0:
             return self, np.ones(1)
         offset, share = square_nodes(SQUARE_NODES[level])
@@ -74,7 +75,7 @@ class Bundles:
 
 @dataclass(frozen=True, slots=True)
 class Integral:
-    """Moments of bundles on two planes of each."""
+    """Moments of bundles on two planes each."""
 
     moments: Float64[np.ndarray, "n COLUMNS"]  # moments as from `Tracer.moments`; NaN where the bundle is empty
     # Error of the mean on the first plane: difference of two levels of quadrature, or standard error of rays
@@ -83,15 +84,14 @@ class Integral:
     rays: int  # traced
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Integral":
-        """Those of some bundles, with the rays of all."""
+        """The integrals of some bundles; `rays` stays that of all."""
         return Integral(self.moments[rows], self.error_mm[rows], self.is_random[rows], self.rays)
 
 
 def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
-    """Integrate bundles.
+    """Integrate bundles at a level of quadrature.
 
-    Level 0 is for steps on the way: its edges are rougher, and it states no error (NaN), because there is nothing to
-    compare with.
+    Level 0 is for intermediate steps: its boundaries are coarser, and its error is NaN for want of a coarser level.
     """
     levels, rays = _over_light(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
     moments, status = levels[-1]
@@ -101,17 +101,21 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
     odd = status == NOT_STAR_SHAPED
     if odd.any():
         other = random_integrals(tracer, bundles.only(odd), RANDOM_RAYS[level])
-        moments[odd], error[odd], rays = other.moments, other.error_mm, rays + other.rays
+        moments[odd] = other.moments
+        error[odd] = other.error_mm
+        rays = rays + other.rays
     return Integral(moments, error, odd, rays)
 
 
 def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
-    """The sum over all wavelengths."""
-    over, lights = _over_squares if bundles.square_px > 0 else _over_points, tracer.lights
+    """Weighted sum over all wavelengths."""
+    over = _over_squares if bundles.square_px > 0 else _over_points
+    lights = tracer.lights
     parts = [over(light.tracer, bundles, levels) for light in lights]
     if len(parts) == 1:
         return parts[0]
-    shares, result = np.array([light.share for light in lights]), []
+    shares = np.array([light.share for light in lights])
+    result = []
     for of_level in zip(*(levels_of_part for levels_of_part, _ in parts), strict=True):
         moments, status = (np.stack(values, axis=1) for values in zip(*of_level, strict=True))
         result.append((mixed(moments, shares), _worst(status)))
@@ -126,16 +130,18 @@ def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int 
 
 
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
-    result, rays, n = [], 0, len(bundles.x_px)
+    result = []
+    rays = 0
+    n = len(bundles.x_px)
     for level in levels:
         moments, status = np.empty((n, COLUMNS)), np.empty(n, np.int64)
         stretch = max(1, _NODES_AT_ONCE // (SQUARE_NODES[level] ** 2 * NODES[level][0] * NODES[level][1]))
         for first in range(0, n, stretch):
-            here = slice(first, first + stretch)
-            nodes, share = bundles.only(here).at_nodes(level)
+            batch = slice(first, first + stretch)
+            nodes, share = bundles.only(batch).at_nodes(level)
             ((values, outcome),), more = _over_points(tracer, nodes, [level], levels[-1])
-            moments[here] = mixed(values.reshape(-1, len(share), COLUMNS), share)
-            status[here] = _worst(outcome.reshape(-1, len(share)))
+            moments[batch] = mixed(values.reshape(-1, len(share), COLUMNS), share)
+            status[batch] = _worst(outcome.reshape(-1, len(share)))
             rays += more
         result.append((moments, status))
     return result, rays
@@ -143,7 +149,7 @@ def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Level
 
 @functools.cache
 def square_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes (count^2, 2) on the square of edge 1 about the origin, and their shares of it (count^2,)."""
+    """Gauss-Legendre nodes (count^2, 2) on the square of edge 1 about the origin, and their weights (count^2,)."""
     node, weight = np.polynomial.legendre.leggauss(count)
     x, y = (axis.ravel() for axis in np.meshgrid(node / 2, node / 2))
     return np.stack([x, y], axis=1), np.outer(weight / 2, weight / 2).ravel()
@@ -151,12 +157,12 @@ def square_nodes(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _worst(status: np.ndarray) -> np.ndarray:
     """Outcomes of mixtures, (n,), from those of their parts, (n, m)."""
-    some = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
-    return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, some)
+    outcome = np.where((status == INTEGRATED).any(axis=1), INTEGRATED, EMPTY)
+    return np.where((status == NOT_STAR_SHAPED).any(axis=1), NOT_STAR_SHAPED, outcome)
 
 
 def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 0) -> Integral:
-    """The same by so many scrambled Sobol points each; random numbers depend on the anchor's pixel and the stream."""
+    """Integrals by scrambled Sobol points, whose random numbers depend on the anchor's pixel and the stream."""
     lit = bundles.lit()
     anchor_px = lit.x_px if bundles.anchor_px is None else bundles.anchor_px
     near = np.hypot(*(anchor_px - lit.x_px).T) <= _ANCHORED_PX
@@ -166,17 +172,17 @@ def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 
     starts = Starts(numbers, anchors, positions, lit.microlens)
     moments = tracer.moments_of(starts, bundles.planes, rays, bundles.square_px)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
-    return Integral(moments, error, np.ones(len(error), bool), int(bundles.known.sum()) * max(rays, REPLICAS))
+    return Integral(moments, error, np.ones(len(error), bool), int(bundles.exists.sum()) * max(rays, REPLICAS))
 
 
 def pooled(finer: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
-    """The same with standard errors from all replicas of two levels of random rays.
+    """The integrals with standard errors from all replicas of two levels of random rays.
 
-    Four replicas alone state an error that is itself wrong by 40 %, and who stops where it is small stops where it is
-    too small. Scrambled Sobol points err by no more than half as much where there are four times as many.
+    Four replicas alone estimate an error to within 40 %, and a search that stops at the first small estimate stops too
+    early. The error of scrambled Sobol points at least halves with four times as many points.
 
     `coarser_mm`: standard errors of the level before; NaN where its rays were not random.
     """
     both = np.sqrt((finer.error_mm**2 + coarser_mm**2 / 4) / 2)
-    known = finer.is_random[:, None] & ~np.isnan(coarser_mm)
-    return replace(finer, error_mm=np.where(known, both, finer.error_mm))
+    has_both = finer.is_random[:, None] & ~np.isnan(coarser_mm)
+    return replace(finer, error_mm=np.where(has_both, both, finer.error_mm))

@@ -1,9 +1,9 @@
-"""Bundles and rays of images on a device: a thread for each bundle, and for each pixel and microlens.
+"""Bundles and image rays on a device: one thread for each bundle, or for each pixel and microlens.
 
-Threads call what `camera.tracing.bundle_kernels` calls on processors, with packets of one ray. They take and add
-samples in its order: moments have the bits of processors wherever division, root and a b + c are rounded alike. Rays of
-images start and are aimed in float64, so that both have the same random numbers; their way through microlens and lens
-is float32.
+Threads run the functions of `camera.tracing.bundle_kernels` on packets of one ray, and draw and add samples in its
+order: moments have the bits of processors wherever division, root and a b + c are rounded alike. Image rays start and
+are aimed in float64, so that they use the random numbers of processors; the trace through microlens and lens is
+float32.
 """
 
 import math
@@ -26,18 +26,18 @@ from pipeline.optics.kernels import SCRATCH, Packet
 from pipeline.records.shapes import Float32, Float64, Int64
 
 _COLUMNS, _WEIGHT = 7, 6
-"""Numbers of a ray: a point, its direction, and its share, which is 0 if it is blocked or carries no light."""
+"""Numbers of a ray: a point, its direction, and its weight, 0 if it is blocked or carries no light."""
 _AT_ONCE, _THREADS = 1 << 16, 64
-"""Bundles that are on the device together; threads of a block, few because each has buffers of its own."""
+"""Bundles on the device at once; threads of a block, few because each has buffers of its own."""
 
 send_single = Single(send_packet, STILL_MM=1e-3, RESIDUAL_MM=1e-4, SETTLED_SQUARED=1e-12)
-"""A packet in float32. A step of Newton's method to an asphere is the last one if the next would be below rounding, and
-a residual of some roundings of 100 mm is none; directions of Brown's model are found if six of their digits are."""
+"""Trace of a packet in float32, with tolerances to match. Newton's method on an asphere stops when the next step would
+be below rounding; residuals of some roundings of 100 mm are accepted; Brown's model has converged at six digits."""
 
 
 @DeviceKernel
 def sum_bundles(camera, planes, samples, starts, moments):
-    """Moments of bundles, one by each thread; parameters are those of `bundle_kernels.bundle_moments`."""
+    """Moments of bundles, one for each thread; parameters are those of `bundle_kernels.bundle_moments`."""
     outlines, cumulative = (
         cuda.local.array((3, MAX_VERTICES, 2), np.float64),
         cuda.local.array(MAX_VERTICES, np.float64),
@@ -54,7 +54,9 @@ def sum_bundles(camera, planes, samples, starts, moments):
     if not fan.area > 0.0:
         return
     packet, aims = _packet_of(rays, scratch), Aims(rays[0], rays[1], rays[8], rays[9], scratch)
-    microlens, row, started = starts.microlens[n], n if planes.shape[0] > 1 else 0, False
+    microlens = starts.microlens[n]
+    row = n if planes.shape[0] > 1 else 0
+    started = False
     anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
     count, crossing, weight, alive = samples.bits.shape[1], of_share[:4], of_share[4], of_share[5]
     clear(sums, total)
@@ -76,7 +78,7 @@ def sum_bundles(camera, planes, samples, starts, moments):
 
 @inline
 def _packet_of(rays, scratch):
-    """A packet of buffers: (8 or more, size), and scratch arrays."""
+    """A packet over buffers: (8 or more, size), and scratch arrays."""
     return Packet(rays[0], rays[1], rays[2], rays[3], rays[4], rays[5], rays[6], scratch, rays[7])
 
 
@@ -88,15 +90,17 @@ def moments_on_device(
     starts: Starts,
     moments: Float64[np.ndarray, "n COLUMNS"],
 ) -> None:
-    """Moments of many bundles, written; EnvironmentFault: the device of that name cannot be used."""
+    """Write the moments of many bundles; EnvironmentFault: the device of that name cannot be used."""
     require_device(device)
     each_its_planes, camera, samples = len(planes) > 1, resident(camera), resident(samples)
     for first in range(0, len(moments), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        here, on_device = resident(starts.part(some)), room(moments[some].shape)
-        these = resident(planes[some] if each_its_planes else planes)
-        sum_bundles(_blocks(len(on_device)), _THREADS, camera, these, samples, here, on_device)
-        moments[some] = fetched(on_device)
+        batch = slice(first, first + _AT_ONCE)
+        device_starts, device_moments = resident(starts.part(batch)), room(moments[batch].shape)
+        device_planes = resident(planes[batch] if each_its_planes else planes)
+        sum_bundles(
+            _blocks(len(device_moments)), _THREADS, camera, device_planes, samples, device_starts, device_moments
+        )
+        moments[batch] = fetched(device_moments)
 
 
 def _blocks(count: int) -> int:
@@ -104,22 +108,22 @@ def _blocks(count: int) -> int:
 
 
 class Started(NamedTuple):
-    """Owners of any rays, numbers as in `Leaving.owner`, (m,) int64, and the number of the first ray of each."""
+    """Owners of rays, numbered as in `Leaving.owner`, (m,) int64, and the number of the first ray of each."""
 
     owner: np.ndarray
     first: np.ndarray
 
     @staticmethod
     def of(counts: Int64[np.ndarray, "n s"]) -> "Started":
-        """So many rays of each square and microlens."""
+        """Owners of rays, by the number of rays of each square and microlens."""
         owner = np.flatnonzero(counts)
-        some = counts.reshape(-1)[owner]
-        return Started(owner, np.cumsum(some) - some)
+        used = counts.reshape(-1)[owner]
+        return Started(owner, np.cumsum(used) - used)
 
 
 @DeviceKernel
 def trace_squares(cameras, samples, squares, diffraction, started, rays):
-    """Trace all rays of a square and a microlens by each thread; `rays` (_COLUMNS, rays) float32 are written."""
+    """Trace all rays of one square and microlens in each thread; writes `rays` (_COLUMNS, rays) float32."""
     outlines, cumulative = (
         cuda.local.array((3, MAX_VERTICES, 2), np.float64),
         cuda.local.array(MAX_VERTICES, np.float64),
@@ -135,20 +139,18 @@ def trace_squares(cameras, samples, squares, diffraction, started, rays):
 
 
 @inline
-def trace_square(cameras, light, which, region, aims, start, packet, rays):
-    """Trace all rays of a square and a microlens, one by one, with buffers for a ray in float64 and in float32."""
-    (samples, squares, diffraction), (started, k) = light, which
+def trace_square(cameras, light, task, region, aims, start, packet, rays):
+    """Trace all rays of one square and microlens, one by one, with buffers for a ray in float64 and in float32."""
+    (samples, squares, diffraction), (started, k) = light, task
     n, j = started.owner[k] // squares.strata.shape[1], started.owner[k] % squares.strata.shape[1]
-    microlens, count, x, y = (
-        squares.strata[n, j],
-        squares.counts[n, j],
-        squares.positions[n, 0],
-        squares.positions[n, 1],
-    )
+    microlens = squares.strata[n, j]
+    count = squares.counts[n, j]
+    x = squares.positions[n, 0]
+    y = squares.positions[n, 1]
     fan = bound(cameras[0], microlens, x, y, reach_of(samples, diffraction), region)
     for i in range(count):
-        place = started.first[k] + i
-        rays[_WEIGHT, place] = 0.0
+        number = started.first[k] + i
+        rays[_WEIGHT, number] = 0.0
         if fan.area > 0.0:
             aim_shots(
                 cameras[0], samples, squares, diffraction, Shots(n, j, squares.skipped[n, j] + i, fan), region, aims
@@ -156,13 +158,13 @@ def trace_square(cameras, light, which, region, aims, start, packet, rays):
             packet.x[0], packet.y[0], start.x[0], start.y[0] = aims.x[0], aims.y[0], aims.start_x[0], aims.start_y[0]
             send_single(cameras[1], microlens, start, 1, packet)
             if packet.alive[0] > 0.0:
-                rays[0, place], rays[1, place], rays[2, place] = packet.x[0], packet.y[0], packet.z[0]
-                rays[3, place], rays[4, place], rays[5, place] = packet.dx[0], packet.dy[0], packet.dz[0]
-                rays[_WEIGHT, place] = packet.weight[0] * np.float32(fan.area / count)
+                rays[0, number], rays[1, number], rays[2, number] = packet.x[0], packet.y[0], packet.z[0]
+                rays[3, number], rays[4, number], rays[5, number] = packet.dx[0], packet.dy[0], packet.dz[0]
+                rays[_WEIGHT, number] = packet.weight[0] * np.float32(fan.area / count)
 
 
 class ImageRays:
-    """Rays of a camera's images; what does not depend on pixels is on the device.
+    """Image rays of a camera; data that do not depend on pixels stay on the device.
 
     Raises EnvironmentFault: the device cannot be used, or a number of the lens is too small for float32.
     """
@@ -179,7 +181,7 @@ class ImageRays:
         self._samples, self._diffraction = resident(samples), resident(diffraction)
 
     def started(self, squares: Squares) -> Float32[np.ndarray, "7 rays"]:
-        """All rays that start from squares, in the order of squares, microlenses and samples, for `leaving_rays`."""
+        """All rays from squares, in the order of squares, microlenses and samples, for `leaving_rays`."""
         started, rays = Started.of(squares.counts), room((_COLUMNS, int(squares.counts.sum())), np.float32)
         if rays.size:
             light = self._samples, resident(squares), self._diffraction
@@ -189,13 +191,15 @@ class ImageRays:
 
 @kernel
 def leaving_rays(rays, first, counts, leaving):
-    """Copy those of started rays that leave the camera, as `bundle_kernels.image_rays` writes them; their number.
+    """Copy the rays that leave the camera, as `bundle_kernels.image_rays` writes them, and return their number.
 
     `first`: number of the first ray of these squares in `rays`, from `ImageRays.started`.
     `counts`: (m, s) int64, rays of each square through each microlens.
     """
     origin, direction, share, owner = leaving
-    of_owner, i, written = counts.reshape(-1), first, 0
+    of_owner = counts.reshape(-1)
+    i = first
+    written = 0
     for k in range(of_owner.shape[0]):
         for _ in range(of_owner[k]):
             if rays[_WEIGHT, i] > 0.0:

@@ -1,4 +1,4 @@
-"""A camera made ready for whoever asks where things are in its image: tracer, micro-images, and what J means."""
+"""Everything needed to map between the image and the scene: tracer, micro-images, and the definition of J."""
 
 import functools
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from pipeline.records.shapes import Float64, Int64
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """A tracer with all else that one image needs: outlines of micro-images, what J means, diffraction, the device."""
+    """A tracer with the data of one image: outlines of micro-images, the definition of J, diffraction, the device."""
 
     tracer: Tracer
     images: MicroImages | None  # None for a conventional camera
@@ -29,13 +29,13 @@ class Rig:
 
     @staticmethod
     def of(tracer: Tracer, square_px: float = 0.0) -> "Rig":
-        """The rig of a tracer, with the micro-images that it has."""
+        """The rig of a tracer, with its micro-images."""
         images = micro_images(tracer) if tracer.camera.microlenses else None
         return Rig(tracer, images, square_px)
 
     @property
     def in_each_light(self) -> tuple["Rig", ...]:
-        """The rig in each wavelength of its light, in the order of `Tracer.lights`; of one wavelength itself."""
+        """The rig in each wavelength of its light, in the order of `Tracer.lights`; itself if there is only one."""
         if len(self.tracer.lights) == 1:
             return (self,)
         diffracts = self.diffraction_nm is not None
@@ -47,14 +47,14 @@ class Rig:
 
     @property
     def diffraction(self) -> Diffraction:
-        """Spread of the light of a point in images by its apertures, of one wavelength."""
+        """Spread of a point's light in the image by the apertures, at one wavelength."""
         if self.diffraction_nm is None:
             return no_diffraction()
         return _diffraction(self.tracer.camera, self.diffraction_nm, self.middles)
 
     @property
     def middles(self) -> tuple[Middle, ...]:
-        """Centres of the micro-images of the middle microlens of each type, with its row; none without microlenses."""
+        """Centre of the micro-image and row of the middle microlens of each type; empty without microlenses."""
         if self.images is None or self.tracer.lattice is None:
             return ()
         kind, middles = self.tracer.lattice.type, []
@@ -79,21 +79,21 @@ class Rig:
         return np.full(len(positions_mm), NO_MICROLENS) if self.images is None else self.images.owner(positions_mm)
 
     def home_px(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
-        """Position in each cell where light arrives for certain: its centre, or that of the image."""
+        """Position in each cell where light surely arrives: the centre of the micro-image, or of the image."""
         sensor = self.tracer.camera.sensor
         if self.images is not None:
             return self.tracer.pixels_at(self.images.centre_mm[cell])
         return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
 
     def in_image(self, x_px: Float64[np.ndarray, "n 2"], grace_px: float = 0.0) -> np.ndarray:
-        """Whether positions lie in the image, or at most so far outside."""
+        """Whether positions lie in the image, or at most `grace_px` outside."""
         size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
         return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
 
     def in_cell(
         self, x_px: Float64[np.ndarray, "n 2"], cell: Int64[np.ndarray, "n"], grace_px: float = 0.0
     ) -> np.ndarray:
-        """Whether positions lie in their own cell, or at most so much nearer to another centre."""
+        """Whether positions lie in their own cell, or at most `grace_px` nearer to another centre."""
         if self.images is None:
             return np.ones(len(cell), bool)
         x = self.tracer.positions_mm(*x_px.T)
@@ -103,18 +103,18 @@ class Rig:
         return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
 
     def hit_fraction(self, moments: Float64[np.ndarray, "n COLUMNS"]) -> np.ndarray:
-        """Weight that leaves over that of the free bundle."""
+        """Weight of the light that leaves over that of the free bundle."""
         free = moments[:, FREE_WEIGHT] if self.images is not None else self.tracer.reference_weight_sr
         return moments[:, WEIGHT] / free
 
 
 @functools.lru_cache(maxsize=8)
 def _in_light(tracer: Tracer, square_px: float, diffraction_nm: float | None) -> Rig:
-    """The rig of one wavelength: tiles and frames of an image ask for it again, and micro-images take time."""
+    """The rig of one wavelength, remembered for the tiles and frames of an image: micro-images take time."""
     return replace(Rig.of(tracer, square_px), diffraction_nm=diffraction_nm)
 
 
 @functools.lru_cache(maxsize=8)
 def _diffraction(camera: Camera, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
-    """The spread of the apertures of a camera: tiles and frames of an image ask for it again."""
+    """The spread of a camera's apertures, remembered for the tiles and frames of an image."""
     return spread_of(Tracer(camera), wavelength_nm, middles)

@@ -1,7 +1,7 @@
-"""A camera made ready for the kernels: its surfaces, outlines and microlenses as arrays.
+"""A camera as the arrays that kernels read: surfaces, outlines of pupils, microlenses.
 
-Positions on the sensor and microlenses are in the film frame: the vision frame, turned with a tilted sensor about the
-point where the axis meets it. Rays that leave the lens, and all that they meet, are in the vision frame.
+Positions on the sensor and microlenses are in the film frame: the vision frame, tilted with the sensor about the point
+where the axis meets it. Rays in front of the lens, and the scene, are in the vision frame.
 """
 
 import math
@@ -27,9 +27,9 @@ from pipeline.optics.table import is_centred, towards_scene
 from pipeline.records.shapes import Float64, Int64, Num
 
 _REFERENCE_NODES, _REFERENCE_RAYS = (24, 256), 1 << 20
-"""Nodes of the quadrature that integrates the reference bundle, and random rays where that is not star-shaped."""
+"""Quadrature nodes for the reference bundle, and random rays where that is not star-shaped."""
 SEED_STEP = 0x9E3779B9
-"""Distance of the seeds of two wavelengths: 2^32 over the golden ratio, odd, so that small seeds never meet."""
+"""Distance between the seeds of two wavelengths: 2^32 over the golden ratio, odd, so that small seeds never meet."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Tracer:
     seed: int = 0  # `plen:seed` of the dataset
     margin: float = MARGIN  # inflation of the sampling bounds; results must not depend on it
     device: str | None = None  # device on which `moments` traces: a name from `pipeline.jit.device`, or the processor
-    beside: "Tracer | None" = None  # tracer of a camera so near to this one that its outlines bound these rays, too
+    beside: "Tracer | None" = None  # tracer of a camera so similar that its outlines also bound these rays
 
     @cached_property
     def lights(self) -> tuple["Light", ...]:
-        """The wavelengths of its light, each with random numbers of its own; of a single one this tracer alone."""
+        """The wavelengths of the light, each with its own random numbers; for a single one, this tracer alone."""
         nodes = self.camera.spectrum
         if not nodes:
             return (Light(1.0, self),)
@@ -61,7 +61,7 @@ class Tracer:
         return towards_scene(self.camera.prescription, self.camera.film)
 
     def next_to(self, camera: Camera) -> "Tracer":
-        """The tracer of a camera that differs so little from this one that the outlines of this one bound its rays."""
+        """The tracer of a camera so similar that the outlines of this one bound its rays."""
         return replace(self, camera=camera, beside=self)
 
     @property
@@ -76,7 +76,7 @@ class Tracer:
 
     @property
     def film_z_mm(self) -> float:
-        """Vision z of the plane that the main lens sees: the microlenses, or else the sensor."""
+        """Vision z of the plane that the main lens images onto: the microlenses, or else the sensor."""
         array = self.camera.microlenses
         return self.sensor_z_mm + (array.distance_mm if array else 0.0)
 
@@ -95,7 +95,7 @@ class Tracer:
 
     @cached_property
     def bounds(self) -> Outlines:
-        """Outlines of the passing rays for the plane that the main lens sees; in a grid if it is not centred."""
+        """Outlines of the passing rays on the plane of microlenses or sensor; a grid for a lens that is not centred."""
         if self.beside is not None:
             return self.beside.bounds
         if not is_centred(self.table):
@@ -121,13 +121,13 @@ class Tracer:
         return grid_outlines(self.camera.prescription, middle, reach, float(slack), self.margin, self.camera.film)
 
     def on_film(self, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Points (n, 2) of the plane that the main lens sees, in space (n, 3), film frame."""
+        """Points (n, 2) of the plane of the microlenses or sensor as points of space (n, 3), film frame."""
         return np.column_stack([points_mm, np.full(len(points_mm), self.film_z_mm)])
 
     def arrivals(
         self, points_mm: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Crossings of rays behind the lens, vision frame, with that plane, and slopes there, film frame (n, 2)."""
+        """Intersections of rays behind the lens, vision frame, with that plane, and their slopes, film frame (n, 2)."""
         vision_from_film = self.camera.film.vision_from_film
         if vision_from_film is not None:
             points_mm, directions = apply(inverse(vision_from_film), points_mm), directions @ vision_from_film[:3, :3]
@@ -163,7 +163,7 @@ class Tracer:
     ) -> np.ndarray:
         """Moments of the bundles of positions (n, 2) behind their microlenses (n,), each in its own region.
 
-        Random numbers depend on the pixels (n, 2); all else is as in `moments_of`.
+        Random numbers depend on the pixels (n, 2); everything else is as in `moments_of`.
         """
         return self.moments_of(Starts(pixels, positions_mm, positions_mm, microlens), planes, samples, square_px)
 
@@ -172,9 +172,9 @@ class Tracer:
     ) -> np.ndarray:
         """Moments of bundles on two planes (2, 4, 3), or two of each position (n, 2, 4, 3); (n, COLUMNS).
 
-        Rays start at the positions, or anywhere on squares of the edge `square_px` around them. They go through points
-        of the regions of anchors less than a pixel away: where positions move and anchors and pixels do not, moments
-        change smoothly. See `camera.tracing.moments`.
+        Rays start at the positions, or anywhere on squares of the edge `square_px` around them. They aim at points of
+        the regions of anchors less than a pixel away: if positions move while anchors and pixels do not, moments change
+        smoothly. See `camera.tracing.moments`.
         """
         if len(self.lights) > 1:
             samples = max(REPLICAS, self.samples_of_each(samples))
@@ -197,14 +197,17 @@ class Tracer:
         return result
 
     def samples_of_each(self, samples: int) -> int:
-        """Samples of each wavelength: together as many as asked for, or up to twice as many; they are powers of two."""
+        """Samples of each wavelength, a power of two: in total `samples` or up to twice as many."""
         return max(1, samples >> (len(self.lights).bit_length() - 1))
 
     @property
     def reference(self) -> tuple[np.ndarray, np.ndarray]:
-        """Position (1, 2) from which the reference bundle starts, on the axis or behind microlens (0, 0) along the
-        axis, and its microlens (1,)."""
-        array, film = self.camera.microlenses, self.camera.film.vision_from_film
+        """Position (1, 2) of the reference bundle and its microlens (1,).
+
+        On the axis, or behind microlens (0, 0) along the axis.
+        """
+        array = self.camera.microlenses
+        film = self.camera.film.vision_from_film
         if array is None or self.lattice is None:
             return np.zeros((1, 2)), np.array([NO_MICROLENS])
         microlens = np.flatnonzero((self.lattice.k == 0) & (self.lattice.l == 0))[:1]
@@ -213,9 +216,10 @@ class Tracer:
 
     @cached_property
     def reference_weight_sr(self) -> float:
-        """W_ref: what leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or mm^2].
+        """W_ref: weight that leaves from the sensor on the axis, or behind the centre of microlens (0, 0) [sr, or
+        mm^2].
 
-        By quadrature, right to 1e-8; of what is in pieces by random rays, right to 3e-4.
+        By quadrature, right to 1e-8; by random rays, right to 3e-4, if the bundle is not star-shaped.
 
         Raises CameraError: nothing leaves there, so that no irradiance can be relative to it.
         """
@@ -239,7 +243,7 @@ class Tracer:
 class Light(NamedTuple):
     """One wavelength of a camera's light."""
 
-    share: float  # share of the signal that it stands for, where all wavelengths pass alike
+    share: float  # weight of this wavelength in the signal, if all pass alike
     tracer: Tracer  # tracer of the camera in this light alone
 
 

@@ -96,7 +96,7 @@ class FrameTasks:
         self._table = frames.TruthTable(
             frame=0,
             camera=entry.name,
-            settings=entry.truth.that_count,
+            settings=entry.truth.effective,
             light=light_of(entry),
             index_source=entry.index_source,
             seed=entry.sampling.seed,

@@ -1,15 +1,15 @@
-"""Conics, cylinders of their profiles, and aspheres: intersection and refraction of one ray, and of a packet of them.
-Units: `optics.crossing`.
+"""Conics, cylinders and aspheres: intersection and refraction of one ray, and of a packet of rays.
 
-The intersection with a conic is the cancellation-free root of the quadratic next to the vertex: t = F / (G + sqrt(G^2 -
-A F)) with F = c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2), after moving the ray to the vertex plane. An
-asphere starts from there.
+Units: `optics.crossing`. A conic with curvature c and conic constant k is c (x^2 + y^2 + (1 + k) z^2) - 2 z = 0. From
+the vertex plane its intersection is the cancellation-free root next to the vertex, t = F / (G + sqrt(G^2 - A F)) with F
+= c (x^2 + y^2), G = N - c (x L + y M), A = c (1 + k N^2) for the direction (L, M, N). A cylinder is met by the ray's
+projection onto the plane of y and z.
 
-With S the polynomial and w = z - S, a point lies on the asphere where w lies on the conic:
-w - c (r^2 + (1 + k) w^2) / 2 = 0. Unlike z - sag(r) this needs no square root, and it has no edge beyond which the
-sag does not exist. Only the path t behind the vertex plane changes: r^2 = r0^2 + 2 (r0 . d) t + (1 - N^2) t^2. A ray
-takes no step after a short one, and none if it is blocked, so its bits do not depend on its packet. A ray that is not
-there in the end has missed.
+An asphere adds a polynomial S(r) to the sag of its conic. With w = z - S a point lies on it where w lies on the conic:
+f = w - c (r^2 + (1 + k) w^2) / 2 = 0. Unlike z - sag(r) this needs no square root, and it has no edge beyond which the
+sag does not exist. Newton's method solves f(t) = 0 for the path length t from the vertex plane, where
+r^2 = r0^2 + 2 (r0 . d) t + (1 - N^2) t^2, and starts from the conic. A ray stops iterating after a short step, and
+never starts if it is blocked, so its bits do not depend on its packet. A ray whose residual stays too large has missed.
 """
 
 import math
@@ -30,17 +30,24 @@ from pipeline.optics.table import (
 )
 
 NEWTON_STEPS = 5
-"""At most, from the conic to the asphere. Two or three are taken, on strong aspheres filled to the edge, too."""
+"""Largest number of Newton steps from the conic to the asphere. Two or three suffice, also on strong aspheres at full
+aperture."""
 _AT_FIRST = math.inf
-"""The last step before the first one: a ray that passes so far takes one."""
+"""Length of the step before the first one: every ray that is not blocked takes a step."""
 STILL_MM = 1e-6
-"""After a step this short the error is its square times about half the curvature [1/mm]: less than 1e-12 mm."""
+"""Step length at which iteration stops: the remaining error is its square times half the curvature [1/mm], below 1e-12
+mm."""
 RESIDUAL_MM = 1e-9
-"""A ray that ends farther from an asphere than this has missed it."""
+"""Residual beyond which a ray has missed the asphere [mm]."""
+
+
+PATH, STEP, SQUARED, TWICE_ACROSS, POWER, POLYNOMIAL, DERIVATIVE = range(7)
+"""Rows of a packet's scratch array during the iteration: the fields of `Path`, then v, p(v) and p'(v) of `all_powers`.
+Once the rays have landed the first three hold the fields of `Normal`."""
 
 
 class Normal(NamedTuple):
-    """The normal m = (-q x, -q y, n) where a ray meets a surface, not of unit length: m . D, q and n."""
+    """Surface normal m = (-q x, -q y, n), not normalised, where a ray meets a surface: m . D, q and n."""
 
     along: float
     slope: float
@@ -48,7 +55,7 @@ class Normal(NamedTuple):
 
 
 class Path(NamedTuple):
-    """A ray's way from the vertex plane to an asphere: its length t, the last step, r0^2 and 2 r0 . d there."""
+    """State of Newton's method along a ray: path length t from the vertex plane, last step, r0^2 and 2 r0 . d."""
 
     t: float
     moved: float
@@ -57,10 +64,10 @@ class Path(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Numbers of a conic or asphere: those of `crossing.Cap`, 1 + k, and its polynomial.
+    """Coefficients of a conic or asphere: those of `crossing.Cap`, 1 + k, and the polynomial.
 
-    `share` is 1, or 1/2 where odd powers count, too; `a` are the low coefficients of S / r^2 and `b` factors or
-    coefficients of dS / d(r^2).
+    `share` is 1, or 1/2 with odd powers. `a` are the low coefficients of S / r^2, `b` factors or coefficients of dS /
+    d(r^2).
     """
 
     vertex: float
@@ -81,14 +88,14 @@ class Shape(NamedTuple):
 
 
 @inline
-def is_short(row):
-    """Whether an asphere holds no more than the low even powers."""
+def has_low_powers(row):
+    """Whether the polynomial of an asphere has low even powers only."""
     return row[ODD] == 0.0 and row[TERMS] == LOW_TERMS
 
 
 @inline
 def shape_of(row):
-    """The conic or asphere of a table's row; without a polynomial, rubbish stands in its place and is not looked at."""
+    """The conic or asphere in a row of a table; without a polynomial its coefficients are meaningless and unused."""
     share = 0.5 if row[ODD] > 0.0 else 1.0
     first = COEFFICIENTS if row[TERMS] > 0.0 else 0
     a0, a1, a2, a3, a4 = row[first], row[first + 1], row[first + 2], row[first + 3], row[first + 4]
@@ -101,7 +108,7 @@ def shape_of(row):
 
 @inline
 def bent(mu, ray, normal):
-    """The ray refracted where it is.
+    """The ray refracted at its current point.
 
     With M = m . m, Snell's law is D' = mu D + (sqrt(M - mu^2 (M - (m . D)^2)) - mu m . D) m / M.
     """
@@ -136,7 +143,7 @@ def on_conic(shape, ray):
 
 @inline
 def _conic_root(c, conic, squared, across, dz):
-    """Path from the vertex plane to the conic, and the normal's product with the direction."""
+    """Path length from the vertex plane to the conic, m . D there, and the discriminant."""
     f = c * squared
     g = dz - c * across
     discriminant = g * g - c * (1.0 + conic * dz * dz) * f
@@ -148,7 +155,7 @@ def _conic_root(c, conic, squared, across, dz):
 def through_cylinder(shape, mu, ray):
     """The ray moved from the vertex plane to the cylinder of a conic, straight along x, and refracted there.
 
-    Seen along x it is a ray of the plane of y and z, where it meets the profile; what it has along x goes on straight.
+    Its projection onto the plane of y and z meets the profile; motion along x is uniform.
     """
     share = math.sqrt(ray.dy * ray.dy + ray.dz * ray.dz)
     met, normal = on_conic(shape, Ray(0.0, ray.y, ray.z, 0.0, ray.dy / share, ray.dz / share, ray.alive))
@@ -161,7 +168,7 @@ def through_cylinder(shape, mu, ray):
 
 @inline
 def begun(shape, ray):
-    """The path from the vertex plane to the conic within an asphere."""
+    """Start of Newton's method: the path from the vertex plane to the conic of an asphere."""
     squared, across = ray.x * ray.x + ray.y * ray.y, ray.x * ray.dx + ray.y * ray.dy
     t, _, _ = _conic_root(shape.curvature, shape.conic, squared, across, ray.dz)
     return Path(t, _AT_FIRST if ray.alive > 0.0 else 0.0, squared, 2.0 * across)
@@ -174,21 +181,21 @@ def squared_height(path, dz):
 
 
 @inline
-def stepped(shape, path, dz, r2, s, rise):
-    """The path after one of Newton's steps; `s` is S / r^2 and `rise` dS / d(r^2) at its end."""
+def stepped(shape, path, dz, r2, s, ds):
+    """The path after one Newton step; `s` is S / r^2 and `ds` dS / d(r^2) at its end."""
     across = fma(-dz, dz, 1.0)
-    f, n, q = _implicit(shape.curvature, shape.bulge, r2, path.t * dz, s, rise)
+    f, n, q = _implicit(shape.curvature, shape.bulge, r2, path.t * dz, s, ds)
     step = f / fma(q, fma(2.0 * across, path.t, path.twice_across), -n * dz)
     step = step if path.moved > STILL_MM else 0.0
     return Path(path.t + step, abs(step), path.squared, path.twice_across)
 
 
 @inline
-def landed(shape, ray, t, s, rise):
-    """The ray at the end of its path, and the normal there."""
+def landed(shape, ray, t, s, ds):
+    """The ray at the end of its path, and the surface normal there."""
     px, py, depth = ray.x + t * ray.dx, ray.y + t * ray.dy, t * ray.dz
     r2 = px * px + py * py
-    f, n, q = _implicit(shape.curvature, shape.bulge, r2, depth, s, rise)
+    f, n, q = _implicit(shape.curvature, shape.bulge, r2, depth, s, ds)
     q *= 2.0
     cosine = n * ray.dz - q * (px * ray.dx + py * ray.dy)
     along = cosine if abs(f) <= RESIDUAL_MM * n else -1.0
@@ -197,12 +204,12 @@ def landed(shape, ray, t, s, rise):
 
 
 @inline
-def _implicit(c, bulge, squared, z, p, rise):
-    """The asphere's equation at a point, and its derivatives there along z and, over -2 r, along r."""
-    # `squared` is r^2, `p` S / r^2 and `rise` dS / d(r^2).
+def _implicit(c, bulge, squared, z, p, ds):
+    """f of the asphere at a point, its derivative along z, and its derivative along r over -2 r."""
+    # `squared` is r^2, `p` S / r^2 and `ds` dS / d(r^2).
     w = fma(-squared, p, z)
     n = fma(-c * bulge, w, 1.0)
-    return fma(-0.5 * c, fma(bulge * w, w, squared), w), n, fma(n, rise, 0.5 * c)
+    return fma(-0.5 * c, fma(bulge * w, w, squared), w), n, fma(n, ds, 0.5 * c)
 
 
 @inline
@@ -217,9 +224,9 @@ def low_powers(shape, r2):
 
 @inline
 def all_powers(shape, v, p, dp):
-    """The same with p(v) from the fifth coefficient on, and p'(v); v is r^2, or r if there are odd powers.
+    """S / r^2 and dS / d(r^2) from p(v), the polynomial from the fifth coefficient on, and p'(v).
 
-    S = r^2 p(v), and dS / d(r^2) is p + v p', or p + v p' / 2.
+    v is r^2, or r with odd powers. S = r^2 p(v), and dS / d(r^2) is p + v p', or p + v p' / 2.
     """
     v2 = v * v
     return (
@@ -230,14 +237,15 @@ def all_powers(shape, v, p, dp):
 
 @inline
 def _quartic(v, v2, a0, a1, a2, a3, a4):
-    """A polynomial by Estrin's scheme, half as long a chain of operations as Horner's."""
+    """A quartic by Estrin's scheme, whose chain of dependent operations is half as long as Horner's."""
     return fma(v2, fma(v2, a4, fma(a3, v, a2)), fma(a1, v, a0))
 
 
 @opaque
 def cross_asphere(row, packet, count):
-    """Move rays of a packet from the vertex plane to one conic or asphere and refract."""
-    scratch, mu = packet.scratch, row[INDEX_RATIO]
+    """Move rays of a packet from the vertex plane to one conic or asphere and refract them."""
+    scratch = packet.scratch
+    mu = row[INDEX_RATIO]
     if row[TERMS] > 0.0:
         _meet_asphere(row, packet, count)
     else:
@@ -253,49 +261,56 @@ def cross_asphere(row, packet, count):
 
 @opaque
 def _meet_asphere(row, packet, count):
-    """Move rays from the vertex plane to the asphere: to the conic, then on by Newton's steps, till none moves."""
-    shape, scratch, short = shape_of(row), packet.scratch, is_short(row)
-    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
+    """Move rays from the vertex plane to the asphere by Newton's method on f(t) = 0, and leave normals in scratch."""
+    shape = shape_of(row)
+    scratch = packet.scratch
+    is_low = has_low_powers(row)
+    # Start on the conic of the asphere.
+    paths, moved, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
     for i in range(count):
-        t[i], moved[i], squared[i], twice_across[i] = begun(shape, ray_of(packet, i))
-    steps, moving = 0, 1
+        paths[i], moved[i], squared[i], twice_across[i] = begun(shape, ray_of(packet, i))
+    # Iterate until no ray of the packet moves.
+    steps = 0
+    moving = 1
     while steps < NEWTON_STEPS and moving > 0:
         steps += 1
         moving = _newton(row, shape, packet.dz, scratch, count)
-    if not short:
+    # Test the residual, and take the normal, at the end of each path.
+    if not is_low:
         _high_powers(row, packet.dz, scratch, count)
-    for i in range(count):  # one array for the compiler, which gives up on loops over many that may overlap
-        ray, t = ray_of(packet, i), scratch[0, i]
-        if short:
+    for i in range(count):  # scratch as one array: the compiler does not vectorise loops over many that may overlap
+        ray = ray_of(packet, i)
+        t = scratch[PATH, i]
+        if is_low:
             px, py = ray.x + t * ray.dx, ray.y + t * ray.dy
-            s, rise = low_powers(shape, px * px + py * py)
+            s, ds = low_powers(shape, px * px + py * py)
         else:
-            s, rise = all_powers(shape, scratch[4, i], scratch[5, i], scratch[6, i])
-        ray, normal = landed(shape, ray, t, s, rise)
+            s, ds = all_powers(shape, scratch[POWER, i], scratch[POLYNOMIAL, i], scratch[DERIVATIVE, i])
+        ray, normal = landed(shape, ray, t, s, ds)
         put_point(packet, i, ray)
         scratch[0, i], scratch[1, i], scratch[2, i] = normal
 
 
 @inline
 def _newton(row, shape, dz, scratch, count):
-    """One step of all rays that still move; how many still do."""
-    t, moved, squared, twice_across = scratch[0], scratch[1], scratch[2], scratch[3]
-    v, p, dp = scratch[4], scratch[5], scratch[6]
+    """One Newton step of all rays that still move; returns how many still do."""
+    t, moved, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
+    v, p, dp = scratch[POWER], scratch[POLYNOMIAL], scratch[DERIVATIVE]
     moving = 0
-    if is_short(row):
+    if has_low_powers(row):
         for i in range(count):
             path = Path(t[i], moved[i], squared[i], twice_across[i])
             r2 = squared_height(path, dz[i])
-            s, rise = low_powers(shape, r2)
-            path = stepped(shape, path, dz[i], r2, s, rise)
+            s, ds = low_powers(shape, r2)
+            path = stepped(shape, path, dz[i], r2, s, ds)
             t[i], moved[i] = path.t, path.moved
             moving += 1 if path.moved > STILL_MM else 0
     else:
         _high_powers(row, dz, scratch, count)
         for i in range(count):
             path = Path(t[i], moved[i], squared[i], twice_across[i])
-            s, rise = all_powers(shape, v[i], p[i], dp[i])
-            path = stepped(shape, path, dz[i], squared_height(path, dz[i]), s, rise)
+            s, ds = all_powers(shape, v[i], p[i], dp[i])
+            path = stepped(shape, path, dz[i], squared_height(path, dz[i]), s, ds)
             t[i], moved[i] = path.t, path.moved
             moving += 1 if path.moved > STILL_MM else 0
     return moving
@@ -303,8 +318,9 @@ def _newton(row, shape, dz, scratch, count):
 
 @inline
 def _high_powers(row, dz, scratch, count):
-    """v, and Horner's rule down to the fifth coefficient for p and p'. The loop over coefficients is the outer one."""
-    t, squared, twice_across, v, p, dp = scratch[0], scratch[2], scratch[3], scratch[4], scratch[5], scratch[6]
+    """v, and p and p' by Horner's rule down to the fifth coefficient. The outer loop runs over the coefficients."""
+    t, squared, twice_across = scratch[PATH], scratch[SQUARED], scratch[TWICE_ACROSS]
+    v, p, dp = scratch[POWER], scratch[POLYNOMIAL], scratch[DERIVATIVE]
     for i in range(count):
         v[i] = squared[i] + (twice_across[i] + (1.0 - dz[i] * dz[i]) * t[i]) * t[i]  # r^2 at the end of a path
     if row[ODD] > 0.0:

@@ -1,12 +1,12 @@
-"""Brown's distortion of the image behind an ideal thin lens, for model cameras: as OpenCV defines and orders it.
+"""Brown's distortion of the image behind an ideal thin lens, for model cameras, as OpenCV defines it.
 
-With u the direction of a point through the centre of the lens and r its length, the image lies at D(u) of the image
+A direction through the centre of the lens with slopes u = (x, y) and r = |u| has its image at D(u) times the image
 distance: D(u) = u (1 + k1 r^2 + k2 r^4 + k3 r^6) + (2 p1 x y + p2 (r^2 + 2 x^2), p1 (r^2 + 2 y^2) + 2 p2 x y).
 
-A ray meets the image plane where the undistorted lens sends it, and is bent in the lens so that it meets it at D of
-that place instead: all rays of a point in focus still meet, and rays through the centre are those of a pinhole with
-distortion. Light towards the scene needs the inverse of D, by Newton's method; a ray for which it does not settle, far
-outside of any image, is blocked.
+A ray is bent in the lens so that it meets the image plane at D of the point where the undistorted lens would send it.
+All rays from a point in focus still meet, and rays through the centre are those of a pinhole with distortion. Light
+towards the scene needs the inverse of D, by Newton's method; a ray for which that does not converge, far outside of any
+image, is blocked.
 """
 
 import math
@@ -19,17 +19,17 @@ from pipeline.optics.crossing import Ray
 from pipeline.optics.table import COEFFICIENTS, SEMI_DIAMETER_SQUARED, TERMS, TOWARDS_SCENE, VERTEX
 
 _STEPS = 12
-"""Steps of Newton's method: it doubles the digits with each, and distortions of a half leave six for the way there."""
+"""Newton steps: each doubles the digits, and distortions of a half need six steps to come near."""
 SETTLED_SQUARED = 1e-26
-"""Square of the largest difference of directions that counts as none [1]: some hundred roundings."""
+"""Squared difference of directions at which Newton's method has converged [1]: some hundred roundings."""
 _RADII = 2000
-"""Radii at which the distortion is asked whether it still grows, up to `_FAR` times that of the image's corner."""
+"""Number of radii at which the slope of the distortion is tested, up to `_FAR` times that of the image's corner."""
 _FAR = 4.0
-"""Undistorted over distorted radius beyond which no corner is looked for [1]: barrel distortion of three quarters."""
+"""Largest undistorted over distorted radius that is searched [1]: barrel distortion of three quarters."""
 
 
 class Brown(NamedTuple):
-    """Numbers of a distorting lens: vertex [mm], squared semi-diameter [mm^2], power and 1 / image distance [1/mm]."""
+    """A distorting lens: vertex [mm], squared semi-diameter [mm^2], power and 1 / image distance [1/mm], k1 to k3."""
 
     vertex: float
     limit: float
@@ -44,7 +44,7 @@ class Brown(NamedTuple):
 
 @inline
 def brown_of(row):
-    """The numbers in a row of a table."""
+    """The distorting lens in a row of a table."""
     i = COEFFICIENTS
     return Brown(
         row[VERTEX],
@@ -72,8 +72,10 @@ def distorted(b, x, y):
 
 @inline
 def undistorted(b, x_image, y_image):
-    """The direction whose image this is, and 1, or 0 if it was not found."""
-    x, y, upright = x_image, y_image, 1.0
+    """The direction with this image by Newton's method, and 1, or 0 if it did not converge."""
+    x = x_image
+    y = y_image
+    determinant = 1.0
     for _ in range(_STEPS):
         r = x * x + y * y
         radial = 1.0 + r * (b.k1 + r * (b.k2 + r * b.k3))
@@ -83,16 +85,16 @@ def undistorted(b, x_image, y_image):
         yy = radial + slope * y * y + 6.0 * b.p1 * y + 2.0 * b.p2 * x
         x_off, y_off = distorted(b, x, y)
         x_off, y_off = x_off - x_image, y_off - y_image
-        upright = xx * yy - xy * xy
-        x, y = x - (yy * x_off - xy * y_off) / upright, y - (xx * y_off - xy * x_off) / upright
+        determinant = xx * yy - xy * xy
+        x, y = x - (yy * x_off - xy * y_off) / determinant, y - (xx * y_off - xy * x_off) / determinant
     x_off, y_off = distorted(b, x, y)
     off = (x_off - x_image) ** 2 + (y_off - y_image) ** 2
-    return x, y, 1.0 if off <= SETTLED_SQUARED * (1.0 + x * x + y * y) and upright > 0.0 else 0.0
+    return x, y, 1.0 if off <= SETTLED_SQUARED * (1.0 + x * x + y * y) and determinant > 0.0 else 0.0
 
 
 @inline
 def turned_with_distortion(row, ray):
-    """The ray on the plane of an ideal thin lens, turned by its power and its distortion."""
+    """The ray on the plane of an ideal thin lens, deflected by its power and its distortion."""
     b = brown_of(row)
     across, up, undone = ray.dx / ray.dz, ray.dy / ray.dz, 1.0
     if row[TERMS] == TOWARDS_SCENE:
@@ -108,9 +110,9 @@ def turned_with_distortion(row, ray):
 
 
 def largest_radius(coefficients: tuple[float, ...], wanted: float) -> float:
-    """Radius of the image up to which the radial part of a distortion grows, at most that which is wanted.
+    """Radius of the image up to which the radial part of a distortion grows, at most `wanted`.
 
-    Radii are over the image distance; beyond, several directions would have the same image.
+    Radii are over the image distance. Beyond, several directions would share an image.
     """
     k1, k2, _, _, k3 = coefficients
     r = np.linspace(0.0, _FAR * wanted, _RADII)

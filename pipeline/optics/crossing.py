@@ -1,14 +1,16 @@
-"""One ray at one surface: plain numbers in and out, for the loops of packets.
+"""Intersection and refraction of one ray at one surface: plain numbers in and out, for the loops of packets.
 
-Lengths in mm, directions are unit vectors with a positive z component. A blocked ray only loses its `alive` flag and is
-carried along; nothing here has a branch that depends on the ray. Conics and aspheres: `optics.aspheres`.
+A sphere of curvature c with its vertex at the origin is c (x^2 + y^2 + z^2) - 2 z = 0. From p, the point of the ray
+nearest to the vertex, the path to it is the cancellation-free root next to the vertex, t = F / (N + sqrt(N^2 - c F))
+with F = c p . p - 2 p_z and N the z component of the direction (Feder, J. Opt. Soc. Am. 41, 1951, 630). Snell's law in
+vectors bends the ray: D' = mu D + (cos' - mu cos) n. An ideal thin lens of power P adds -P h to the slope of a ray at
+height h.
 
-The intersection with a sphere is the cancellation-free root of the quadratic next to the vertex,
-t = F / (N + sqrt(N^2 - c F)) with F = c p . p - 2 p_z, after moving the ray to p, its point nearest to the vertex
-(Feder, J. Opt. Soc. Am. 41, 1951, 630). An ideal thin lens bends rays at its plane. Where spheres take most of the time
-a b + c is rounded once: a third fewer instructions, and a processor sees more rays ahead.
+Lengths in mm; directions are unit vectors with a positive z component. A blocked ray only loses its `alive` flag and is
+carried along: no branch here depends on the ray. Conics and aspheres: `optics.aspheres`. On spheres, which take most of
+the time, a b + c is rounded once (fused multiply-add): a third fewer instructions, and a processor overlaps more rays.
 
-A surface off its place is met in the frame in which it stands in its place: rays move there and back.
+A displaced surface is met in the frame of its centred position: rays are moved into that frame and back.
 """
 
 import math
@@ -19,7 +21,7 @@ from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED,
 
 
 class Ray(NamedTuple):
-    """A point on a ray [mm], its unit direction, and 1 if it passes, 0 if something has blocked it."""
+    """A point on a ray [mm], its unit direction, and 1 if it passes, 0 if it is blocked."""
 
     x: float
     y: float
@@ -31,7 +33,7 @@ class Ray(NamedTuple):
 
 
 class Cap(NamedTuple):
-    """Numbers of a plane or sphere: vertex z [mm], curvature [1/mm], index ratio, squared semi-diameter [mm^2]."""
+    """A plane or sphere: vertex z [mm], curvature [1/mm], index ratio, squared semi-diameter [mm^2]."""
 
     vertex: float
     curvature: float
@@ -58,7 +60,7 @@ class Motion(NamedTuple):
 
 @inline
 def ray_of(packet, i):
-    """One ray of a packet: of arrays named as the fields of a ray."""
+    """One ray of a packet, whose arrays are named like the fields of a ray."""
     return Ray(packet.x[i], packet.y[i], packet.z[i], packet.dx[i], packet.dy[i], packet.dz[i], packet.alive[i])
 
 
@@ -72,20 +74,20 @@ def put(packet, i, ray):
 
 @inline
 def put_point(packet, i, ray):
-    """Write into a packet the point and the flag of a ray whose direction is still the same: less to tell apart."""
+    """Write the point and the flag of a ray into a packet whose direction has not changed."""
     packet.x[i], packet.y[i], packet.z[i], packet.alive[i] = ray.x, ray.y, ray.z, ray.alive
 
 
 @inline
 def cap_of(row):
-    """The plane or sphere of a table's row."""
+    """The plane or sphere in a row of a table."""
     return Cap(row[VERTEX], row[CURVATURE], row[INDEX_RATIO], row[SEMI_DIAMETER_SQUARED])
 
 
 @inline
-def motion_of_row(row, place):
-    """The motion that takes the surface of a table's row off its place, as rays leave it or, at ENTRY, enter it."""
-    i = int(row[place])
+def motion_of_row(row, column):
+    """The displacement of a surface, by the column that holds it: POSE as rays leave it, ENTRY as they enter it."""
+    i = int(row[column])
     return Motion(
         row[i],
         row[i + 1],
@@ -144,7 +146,7 @@ def to_plane(cap, ray):
 
 @inline
 def bent_at_plane(mu, ray):
-    """The ray refracted where it is by a plane across the axis."""
+    """The ray refracted at its current point by a plane across the axis."""
     squared = (1.0 - mu * mu) + mu * mu * (ray.dz * ray.dz)
     alive = ray.alive if squared >= 0.0 else 0.0
     return Ray(ray.x, ray.y, ray.z, mu * ray.dx, mu * ray.dy, math.sqrt(max(squared, 0.0)), alive)
@@ -152,14 +154,14 @@ def bent_at_plane(mu, ray):
 
 @inline
 def to_vertex_plane(vertex, ray):
-    """The ray on the vertex plane, its z left as it was."""
+    """The ray on the vertex plane, with its z left unchanged."""
     t = (vertex - ray.z) / ray.dz
     return Ray(ray.x + t * ray.dx, ray.y + t * ray.dy, ray.z, ray.dx, ray.dy, ray.dz, ray.alive)
 
 
 @inline
 def turned_ideally(vertex, power, limit, ray):
-    """The ray on the plane of an ideal thin lens, turned by its power; the same for light going either way."""
+    """The ray on the plane of an ideal thin lens, deflected by its power; identical for light in either direction."""
     across = ray.dx / ray.dz - power * ray.x
     up = ray.dy / ray.dz - power * ray.y
     dz = 1.0 / math.sqrt(1.0 + across * across + up * up)
@@ -169,7 +171,7 @@ def turned_ideally(vertex, power, limit, ray):
 
 @inline
 def entered(m, ray):
-    """The ray moved as if the surface had come back to its place in the centred lens.
+    """The ray in the frame of the surface's centred position.
 
     A ray that then travels along -z meets the back of the surface: blocked, here as in `left`.
     """
@@ -188,7 +190,7 @@ def entered(m, ray):
 
 @inline
 def left(m, ray):
-    """The ray moved along with the surface to where it stands."""
+    """The ray moved back from that frame to the displaced surface."""
     px, py, pz, ox, oy, oz = ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz
     dz = m.zx * ox + m.zy * oy + m.zz * oz
     return Ray(

@@ -1,7 +1,7 @@
 """First-order (paraxial) optics of a prescription: focal length, pupils, principal planes, conjugates.
 
-Positions are vision z, counted from the aperture stop and positive towards the scene.
-Matrices act on (height, index times slope); Hecht, Optics, chapter "Analytical ray tracing".
+Positions are vision z, counted from the aperture stop and positive towards the scene. Matrices act on (height, index
+times slope); Hecht, Optics, chapter "Analytical ray tracing".
 """
 
 import math
@@ -16,13 +16,13 @@ from pipeline.optics.printed import PrintedSurface
 _LEAST_POWER_PER_MM = 1e-9
 """Power below which a lens has no focus [1/mm]: a focal length of a thousand kilometres."""
 _AT_FOCUS_MM = 1e-9
-"""An image as near as this to the rear focus is that of an object at infinity: rounding decides the rest. Behind a lens
-of 10 mm such an object is a hundred thousand kilometres away."""
+"""Distance from the rear focus below which an image belongs to an object at infinity [mm]: rounding decides the rest.
+Behind a lens of 10 mm such an object is a hundred thousand kilometres away."""
 
 
 _TELECENTRIC = 1e-9
-"""Slope of a chief ray outside of the lens over its slope at the stop below which the pupil there lies at infinity [1].
-It is counted where it would be with that slope, so that what depends on it stays a number, right to nine digits."""
+"""Slope of a chief ray outside of the lens, over its slope at the stop, below which the pupil there lies at infinity
+[1]. Such a pupil is placed where this slope would put it, so that derived figures stay finite, right to nine digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class Pupil:
 
     @property
     def is_infinite(self) -> bool:
-        """Whether it stands for one at infinity: chief rays are parallel to the axis on its side of the lens."""
+        """Whether it represents a pupil at infinity: chief rays are parallel to the axis on its side of the lens."""
         return abs(self.magnification * _TELECENTRIC) > 1 / 2
 
 
@@ -55,7 +55,7 @@ class FirstOrder:
 
     @property
     def f_number(self) -> float:
-        """Focal length over entrance-pupil diameter; 0 of a pupil at infinity: the stop bounds no beam from there."""
+        """Focal length over entrance-pupil diameter; 0 for a pupil at infinity, where the stop bounds no beam."""
         return 0.0 if self.entrance_pupil.is_infinite else self.efl_mm / self.entrance_pupil.diameter_mm
 
     @property
@@ -64,15 +64,16 @@ class FirstOrder:
         return self.exit_pupil.diameter_mm / self.entrance_pupil.diameter_mm
 
     def principal_distance_mm(self, sensor_distance_mm: float) -> float:
-        """Principal distance with a sensor so far behind the stop: exit pupil to sensor over pupil magnification.
+        """Principal distance for a sensor at this distance behind the stop: exit pupil to sensor over pupil
+        magnification.
 
-        Height in the image over the slope of the chief ray in the scene, whose medium makes it longer.
+        It is the height in the image over the slope of the chief ray in the scene, whose medium makes it longer.
         """
         return self.index_in_front * (self.exit_pupil.z_mm + sensor_distance_mm) / self.pupil_magnification
 
     @property
     def newton_mm2(self) -> float:
-        """Product of both focal lengths, which Newton's equation has [mm^2]."""
+        """Product f f' of both focal lengths in Newton's equation [mm^2]."""
         return self.index_in_front * self.efl_mm**2
 
     def image_mm(self, object_mm: float) -> float:
@@ -92,16 +93,17 @@ class FirstOrder:
 
 def first_order(prescription: Prescription) -> FirstOrder:
     """First-order constants at the prescription's wavelength; a PrescriptionError if the lens is afocal."""
-    surfaces, stop = prescription.surfaces, prescription.stop_index
+    surfaces = prescription.surfaces
+    stop = prescription.stop_index
     vertices = prescription.vertices_from_stop_mm
     index = prescription.index_in_front
-    whole = _matrix(surfaces, index)
-    if abs(whole[1, 0]) < _LEAST_POWER_PER_MM:
+    system = _matrix(surfaces, index)
+    if abs(system[1, 0]) < _LEAST_POWER_PER_MM:
         hint = "so is any that is telecentric on both sides: cameras need a lens with power"
         raise PrescriptionError("the lens is afocal: it has no focal length", hint=hint)
-    efl = float(-1.0 / whole[1, 0])
-    bfd = float(-whole[0, 0] / whole[1, 0])
-    front_focus = -(vertices[0] + index * float(whole[1, 1] / whole[1, 0]))
+    efl = float(-1.0 / system[1, 0])
+    bfd = float(-system[0, 0] / system[1, 0])
+    front_focus = -(vertices[0] + index * float(system[1, 1] / system[1, 0]))
     rear_focus = -(vertices[-1] + bfd)
     return FirstOrder(
         efl_mm=efl,
@@ -119,9 +121,9 @@ def first_order(prescription: Prescription) -> FirstOrder:
 def paraxial_ray(
     surfaces: Sequence[Surface | PrintedSurface], height: float, slope: float, index: float = 1.0
 ) -> tuple[list[float], float]:
-    """Heights at all surfaces of a ray that comes to the first vertex from a medium, and its slope behind the last one.
+    """Heights of a paraxial ray at all surfaces, and its slope times the index behind the last one.
 
-    The slope counts times the index.
+    `height`, `slope`: at the first vertex, the slope times the index of the medium in front.
     """
     heights = list[float]()
     for i, surface in enumerate(surfaces):
@@ -134,7 +136,7 @@ def paraxial_ray(
 
 
 def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
-    """From just before the first surface to just behind the last one; `index` is the medium in front."""
+    """System matrix from just before the first surface to just behind the last one; `index`: of the medium in front."""
     matrix = np.eye(2)
     for i, surface in enumerate(surfaces):
         if i:
@@ -146,7 +148,7 @@ def _matrix(surfaces: tuple[Surface, ...], index: float) -> np.ndarray:
 
 
 def exit_pupil(prescription: Prescription) -> Pupil:
-    """Image of the stop through what stands behind it."""
+    """Image of the stop through the surfaces behind it."""
     rear = prescription.surfaces[prescription.stop_index :]
     stop = prescription.stop_index
     before = prescription.surfaces[stop - 1].index if stop else prescription.index_in_front
@@ -158,7 +160,7 @@ def exit_pupil(prescription: Prescription) -> Pupil:
 
 
 def _off_zero(slope: float, height_mm: float) -> float:
-    """The slope, or of a pupil at infinity one that puts it far behind the lens, as scene or sensor see it."""
+    """The slope, or for a pupil at infinity one that puts it far behind the lens, as seen from scene or sensor."""
     return slope if abs(slope) > _TELECENTRIC else math.copysign(_TELECENTRIC, height_mm)
 
 

@@ -1,9 +1,12 @@
-"""Sequential trace of rays through a table of surfaces, in packets.
+"""Sequential trace of rays through a table of surfaces, in packets. Lengths in mm.
+
+For each surface a ray is moved to the intersection and refracted by Snell's law, D' = mu D + (cos' - mu cos) n; the
+equations of the surfaces are in `optics.crossing`, `optics.aspheres` and `optics.reliefs`.
 
 A packet keeps its rays in small arrays that stay in the cache. The outer loop runs over the surfaces, the inner ones
-over the rays, by the functions of one ray in `optics.crossing` and `optics.aspheres`; no inner loop has a branch, so
-the compiler turns them into SIMD code. Loops are short on purpose: a processor overlaps the divisions and roots of
-several rays only as far as it looks ahead. What a surface is gets decided once per packet. Lengths in mm.
+over the rays. No inner loop has a branch, so the compiler turns them into SIMD code. Loops are short on purpose: a
+processor overlaps the divisions and roots of several rays only within its window of instructions. The kind of a surface
+is decided once per packet.
 """
 
 import math
@@ -35,15 +38,15 @@ from pipeline.optics.reliefs import through_relief
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
 SCRATCH = 7
-"""Arrays that a packet needs besides its rays, for aspheres."""
+"""Scratch arrays of a packet, for aspheres."""
 _TURNS = 4000
-"""Turns of a run: with a packet of values some milliseconds, long beside a reading of the clock."""
+"""Iterations of a timed run: with a packet of values some milliseconds, long beside a reading of the clock."""
 _RUNS = 5
-"""Runs, of which the fastest counts: what else the processor does can only slow them."""
+"""Timed runs, of which the fastest counts: interruptions can only slow them."""
 
 
 class Packet(NamedTuple):
-    """Rays side by side: the fields of `Ray` (PACKET,), scratch arrays (SCRATCH, PACKET), a weight for who traces."""
+    """Rays side by side: the fields of `Ray` (PACKET,), scratch arrays (SCRATCH, PACKET), a weight for the caller."""
 
     x: np.ndarray
     y: np.ndarray
@@ -75,7 +78,8 @@ def new_packet():
 def trace_packet(table, packet, count):
     """Trace the first `count` rays of a packet through all surfaces of a table, in place; z ends on the last one."""
     for k in range(table.shape[0]):
-        row, posed = table[k], table[k, column.POSE] > 0.0
+        row = table[k]
+        posed = table[k, column.POSE] > 0.0
         if posed:
             motion = motion_of_row(row, column.ENTRY)
             for i in range(count):
@@ -148,7 +152,7 @@ def _turn_with_distortion(row, packet, count):
 
 @opaque
 def _clip(row, packet, count):
-    """Block what misses an aperture that is not just the circle, at the surface itself."""
+    """Block rays outside an aperture with straight edges or inside its obstruction, at the surface itself."""
     inner = row[column.INNER_SQUARED]
     if inner > 0.0:
         for i in range(count):
@@ -182,14 +186,14 @@ def trace_rays(table, position, direction, alive):
 
 @kernel
 def divide_and_root(values, turns):
-    """One division and two roots per value and turn, in place; values (n,) float64 stay between 1 and 2."""
+    """One division and two roots per value and iteration, in place; values (n,) float64 stay between 1 and 2."""
     for _ in range(turns):
         for i in range(values.shape[0]):
             values[i] = 1.0 + math.sqrt(values[i]) / (1.0 + math.sqrt(1.0 + values[i]))
 
 
 def crossings_per_second() -> float:
-    """Rays times spheres per second that no trace on one core can exceed: the best of a few runs, some milliseconds."""
+    """Upper bound of rays times spheres per second on one core: the best of a few runs, some milliseconds."""
     values = np.linspace(1.0, 2.0, PACKET)
     divide_and_root(values, 1)
     spent = []

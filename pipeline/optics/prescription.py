@@ -12,9 +12,10 @@ from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
 UPRIGHT_DEG = 90.0
-"""Tilt from which on a surface no longer faces the light [deg]."""
+"""Smallest tilt at which a surface no longer faces the light [deg]."""
 _HEIGHTS = 64
-"""Equal parts of a semi-diameter at whose ends the gap of two surfaces is taken: sags are smooth between them."""
+"""Number of equal parts of a semi-diameter at whose ends the gap of two surfaces is evaluated: sags are smooth in
+between."""
 
 
 _LEAST_HEIGHTS = 4
@@ -27,7 +28,7 @@ class PrescriptionError(PipelineError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Relief:
-    """Sags on an even grid about the vertex, between which they are a bicubic spline that no grid line shows.
+    """Sags on an even grid about the vertex, interpolated by a bicubic spline.
 
     - `heights_mm`: rows along x, from the least y of the lens frame on; at least four rows of four.
     - `spacing_mm`: distance of neighbours along x and y.
@@ -48,14 +49,16 @@ class Relief:
 
     @property
     def half_widths_mm(self) -> tuple[float, float]:
-        """Reach of the grid along x and y."""
+        """Half widths of the grid along x and y."""
         rows, columns = len(self.heights_mm), len(self.heights_mm[0])
         return (columns - 1) / 2 * self.spacing_mm, (rows - 1) / 2 * self.spacing_mm
 
     @property
     def spline(self) -> np.ndarray:
-        """Coefficients of its B-splines, one more on each side, (rows + 2, columns + 2): of the spline whose third
-        derivative does not jump at the lines next to the edges, so that cubic surfaces are met exactly.
+        """B-spline coefficients, one more on each side, (rows + 2, columns + 2).
+
+        The third derivative does not jump at the lines next to the edges (not-a-knot), so that cubic surfaces are
+        exact.
         """
         heights = np.array(self.heights_mm)
         for _ in range(2):  # along y, then along x
@@ -71,8 +74,9 @@ class Relief:
 def relief_at(
     spline: Float64[np.ndarray, "rows columns"], spacing_mm: float, point_mm: Float64[np.ndarray, "n 2"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Heights of a spline's coefficients (rows, columns) at points (n, 2), and slopes along x and y, (n,) each; NaN
-    beyond the grid.
+    """Heights of a spline at points (n, 2), and slopes along x and y, (n,) each; NaN beyond the grid.
+
+    `spline`: coefficients (rows, columns).
     """
     from scipy.interpolate import BSpline  # few lenses have a relief
 
@@ -212,7 +216,7 @@ class Surface:
             )
 
     def power_per_mm(self, index_in_front: float) -> float:
-        """Refracting power near the axis, an r^2 term counted: what it takes from index times slope, per height.
+        """Paraxial refracting power, an r^2 term included: the decrease of index times slope per height.
 
         A cylinder counts by the direction in which it has none.
         """
@@ -249,7 +253,7 @@ class Surface:
     def edges(self) -> tuple[tuple[float, float, float], ...]:
         """Straight edges of the aperture: (x, y) of the outward normal in the lens frame, distance from the axis [mm].
 
-        No such edges: a circle.
+        A circular aperture has none.
         """
         turn = math.radians(self.aperture_rotation_deg)
         edges = []
@@ -262,7 +266,7 @@ class Surface:
         return tuple((math.cos(angle), math.sin(angle), distance) for angle, distance in edges)
 
     def sag_mm(self, height_mm: float) -> float:
-        """Depth of the surface at a height above the axis, of a relief along y, from its vertex [mm]."""
+        """Sag of the surface at a height above the axis, of a relief along y [mm]."""
         c = self.curvature_per_mm
         base = c * height_mm**2 / (1.0 + math.sqrt(1.0 - (1.0 + self.conic) * (c * height_mm) ** 2))
         if self.relief is not None:
@@ -273,7 +277,7 @@ class Surface:
 
 
 def least_gap_mm(front: Surface, behind: Surface) -> float:
-    """Least distance along the axis between neighbouring surfaces within both apertures; negative: they cross. [mm]
+    """Least axial gap between neighbouring surfaces within both apertures; negative: they cross. [mm]
 
     Between spheres it lies on the axis or at the edge; aspheres may come closest in between, and 64 heights are tried.
     """
@@ -281,7 +285,7 @@ def least_gap_mm(front: Surface, behind: Surface) -> float:
 
 
 def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
-    """Distances along the axis between neighbouring surfaces, each with its height above the axis. [mm]"""
+    """Axial gaps between neighbouring surfaces, each with its height above the axis. [mm]"""
     edge = min(front.semi_diameter_mm, behind.semi_diameter_mm)
     heights = [edge * i / _HEIGHTS for i in range(_HEIGHTS + 1)]
     return [(front.thickness_mm + behind.sag_mm(h) - front.sag_mm(h), h) for h in heights]
@@ -289,7 +293,7 @@ def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Consecutive surfaces that one mount holds: displaced, they move together as a rigid body."""
+    """Consecutive surfaces in one mount: when displaced, they move together as a rigid body."""
 
     name: str
     first: int  # its first surface, counted from 0
@@ -299,7 +303,7 @@ class Group:
     # about the pivot: first about x, then about the turned y
     tilt_deg: Annotated[tuple[float, float], "plen:tilt"] = (0.0, 0.0)
     roll_deg: float = 0.0  # about the axis, before the tilt
-    # place of the pivot on the axis, from the vertex of the first surface, + towards the sensor
+    # position of the pivot on the axis, from the vertex of the first surface, + towards the sensor
     pivot_mm: Annotated[float, "plen:pivot"] = 0.0
 
     def __post_init__(self) -> None:
@@ -310,15 +314,15 @@ class Group:
 
     @property
     def members(self) -> range:
-        """The surfaces that it holds, as a range of numbers."""
+        """Numbers of the surfaces in the group."""
         return range(self.first, self.first + self.count)
 
 
-def _check_displacement(what: str, decentre_mm: tuple[float, float], tilt_deg: tuple[float, float]) -> None:
+def _check_displacement(subject: str, decentre_mm: tuple[float, float], tilt_deg: tuple[float, float]) -> None:
     if not all(map(math.isfinite, decentre_mm)):
-        raise PrescriptionError(f"{what} is decentred by {decentre_mm} mm")
+        raise PrescriptionError(f"{subject} is decentred by {decentre_mm} mm")
     if not all(abs(angle) < UPRIGHT_DEG for angle in tilt_deg):
-        raise PrescriptionError(f"{what} is tilted by {tilt_deg} deg", hint="less than 90 deg either way")
+        raise PrescriptionError(f"{subject} is tilted by {tilt_deg} deg", hint="less than 90 deg either way")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -326,7 +330,7 @@ class Prescription:
     """Surfaces from the scene to the sensor, with exactly one aperture stop.
 
     Lens frame: origin at the first vertex, +z from scene to sensor. Vertices and thicknesses are those of the centred
-    lens: a surface or group off its place moves nothing but itself. Groups do not overlap.
+    lens: a displaced surface or group moves nothing but itself. Groups do not overlap.
     """
 
     surfaces: tuple[Surface, ...]
@@ -335,10 +339,10 @@ class Prescription:
 
     def __post_init__(self) -> None:
         settle(self, PrescriptionError)
-        held = [i for group in self.groups for i in group.members]
-        if len(set(held)) < len(held) or not set(held) <= set(range(len(self.surfaces))):
+        grouped = [i for group in self.groups for i in group.members]
+        if len(set(grouped)) < len(grouped) or not set(grouped) <= set(range(len(self.surfaces))):
             raise PrescriptionError(
-                f"groups hold the surfaces {sorted(held)} of {len(self.surfaces)}",
+                f"groups hold the surfaces {sorted(grouped)} of {len(self.surfaces)}",
                 hint="a group holds consecutive surfaces of the prescription, and no surface is in two groups",
             )
         if not self.index_in_front > 0:
@@ -362,7 +366,7 @@ class Prescription:
 
     @property
     def is_centred(self) -> bool:
-        """Whether all surfaces are round, and no surface and no group stands off its place."""
+        """Whether all surfaces are round, and no surface and no group is displaced."""
         parts: tuple[Surface | Group, ...] = (*self.surfaces, *self.groups)
         rolls = (group.roll_deg for group in self.groups)
         if any(surface.is_cylinder or surface.relief for surface in self.surfaces):
@@ -376,7 +380,7 @@ class Prescription:
 
     @property
     def ideal(self) -> Surface | None:
-        """The ideal thin lens that is the stop and the whole lens, None if the lens is any other."""
+        """The ideal thin lens if it is the only surface, else None."""
         return self.stop if len(self.surfaces) == 1 and self.stop.focal_length_mm is not None else None
 
     @property

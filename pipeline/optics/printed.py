@@ -1,6 +1,6 @@
-"""A lens as a publication or a file of another program prints it, before it is known whether we can build it.
+"""A lens as a publication or a file of another program prints it, before it is checked whether it can be traced.
 
-What the source says and we cannot represent is kept as `Lost`: named, not dropped.
+Statements of the source that have no equivalent here are kept as `Lost`: named, not dropped.
 """
 
 import math
@@ -14,7 +14,7 @@ D_LINE_NM = 587.56
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lost:
-    """Something that a source says, in one sentence, and that does not become part of the lens."""
+    """A statement of a source, in one sentence, that does not become part of the lens."""
 
     statement: str
     line: int | None = None  # line of the source that says it, counted from 1
@@ -43,7 +43,7 @@ class PrintedSurface:
     is_cylinder: bool = False
 
     def power_per_mm(self, index_in_front: float) -> float:
-        """Refracting power near the axis, where an r^2 term bends, too."""
+        """Paraxial refracting power, an r^2 term included."""
         if self.focal_length_mm is not None:
             return 1 / self.focal_length_mm
         if self.is_cylinder:
@@ -60,7 +60,7 @@ class PrintedSurface:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedLens:
-    """A lens with what is known about where it comes from."""
+    """A printed lens and its provenance."""
 
     name: str  # for people
     provenance: tuple[str, ...] = ()  # paragraphs: publication, where the numbers were read, notes
@@ -72,9 +72,9 @@ class PrintedLens:
 
 
 def prescription_of(lens: PrintedLens) -> Prescription:
-    """The lens as it is traced; a PrescriptionError that names all surfaces that are to blame if it cannot be."""
+    """The lens as it is traced; a PrescriptionError that names every surface that cannot be represented."""
     wrong = [
-        f"surface {i}: {what}" for i, surface in enumerate(lens.surfaces, 1) for what in not_representable(surface)
+        f"surface {i}: {reason}" for i, surface in enumerate(lens.surfaces, 1) for reason in not_representable(surface)
     ]
     if wrong:
         raise PrescriptionError(f'"{lens.name}" cannot be represented: {"; ".join(wrong)}')
@@ -84,7 +84,7 @@ def prescription_of(lens: PrintedLens) -> Prescription:
 
 
 def not_representable(surface: PrintedSurface) -> list[str]:
-    """Reason why one surface cannot be represented: the only place that says so."""
+    """Reasons why a surface cannot be represented; this is the only list of them."""
     reasons = []
     if dict(surface.asphere).get(1):
         reasons.append("the term r^1 of its asphere makes the vertex a tip")
@@ -98,7 +98,7 @@ def not_representable(surface: PrintedSurface) -> list[str]:
 
 
 def surface_of(surface: PrintedSurface, number: int = 0) -> Surface:
-    """The surface as it is traced; `number` is for the PrescriptionError of one that cannot be."""
+    """The surface as it is traced; `number` identifies it in the PrescriptionError if it cannot be."""
     try:
         shared = {field.name: getattr(surface, field.name) for field in fields(Surface) if hasattr(surface, field.name)}
         even, odd = surface.coefficients(2), surface.coefficients(3)

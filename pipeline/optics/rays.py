@@ -1,6 +1,6 @@
-"""A few rays through a table of surfaces, by NumPy: for checks, which cannot wait for a compiler.
+"""Trace of a few rays through a table of surfaces by NumPy, for checks, which cannot wait for a compiler.
 
-The same laws as `optics.kernels`, written for whole arrays; what a build computes comes from the kernels alone.
+The equations are those of `optics.kernels`, written for whole arrays; results of a build come from the kernels alone.
 """
 
 from typing import NamedTuple
@@ -14,9 +14,9 @@ from pipeline.optics.table import motion_of
 from pipeline.records.shapes import Float64
 
 _STEPS = 8
-"""Steps of Newton's method from the conic to the asphere: more than the five of `optics.aspheres`, for all rays."""
+"""Newton steps from the conic to the asphere: more than the five of `optics.aspheres`, and taken by all rays."""
 _RESIDUAL_MM = 1e-9
-"""Distance from the surface beyond which a ray has missed it [mm]: that of `optics.aspheres`."""
+"""Residual beyond which a ray has missed the surface [mm]: that of `optics.aspheres`."""
 
 
 GRID = 81
@@ -24,7 +24,7 @@ GRID = 81
 
 
 def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np.ndarray:
-    """Points in front of all of the first surface of a table: a square grid on its vertex plane, (count^2, 3) [mm].
+    """Square grid of points on the vertex plane of a table's first surface, over its full aperture, (count^2, 3) [mm].
 
     In the frame from which rays enter.
     """
@@ -35,7 +35,7 @@ def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np
 
 
 class Traced(NamedTuple):
-    """Points on the last surface and unit directions behind it, (n, 3) each; which rays have passed, (n,) bool."""
+    """Points on the last surface and unit directions behind it, (n, 3) each; whether each ray passes, (n,) bool."""
 
     position: np.ndarray
     direction: np.ndarray
@@ -48,7 +48,8 @@ def traced(
     direction: Float64[np.ndarray, "n 3"],
 ) -> Traced:
     """Trace rays through all surfaces of a table, in whose frame their unit directions have a positive z."""
-    position, alive = position_mm, np.ones(len(position_mm), bool)
+    position = position_mm
+    alive = np.ones(len(position_mm), bool)
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
         for row in table:
             if row[column.POSE]:
@@ -68,7 +69,7 @@ def traced(
 def incidence(
     row: Float64[np.ndarray, "columns"], point_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
 ) -> np.ndarray:
-    """Cosines of the angles between rays and the normal of a surface where they meet it, (n,); NaN for a missed one."""
+    """Cosines of the angles of incidence at a surface, (n,); NaN for a ray that misses."""
     if row[column.POSE]:
         back = inverse(motion_of(row))
         point_mm, direction = apply(back, point_mm), direction @ back[:3, :3].T
@@ -78,13 +79,15 @@ def incidence(
 
 
 def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Traced:
-    """From the vertex plane to the surface, and refracted there by Snell's law in vectors."""
+    """Move rays from the vertex plane to the surface and refract them by Snell's law in vectors."""
     # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
     # normal.
-    is_relief, is_cylinder = row[column.FORM] == column.RELIEF, float(row[column.FORM] == column.CYLINDER)
+    is_relief = row[column.FORM] == column.RELIEF
+    is_cylinder = float(row[column.FORM] == column.CYLINDER)
     bulge = 1.0 if is_relief else 1.0 + row[column.CONIC]
     c, mu = row[column.CURVATURE], row[column.INDEX_RATIO]
-    curved, dz = np.array([1.0 - is_cylinder, 1.0]), direction[:, 2]
+    curved = np.array([1.0 - is_cylinder, 1.0])
+    dz = direction[:, 2]
     across, squared = (np.sum(curved * start[:, :2] * part[:, :2], axis=1) for part in (direction, start))
     length = 1.0 - is_cylinder * direction[:, 0] ** 2
     f, g = c * squared, dz - c * across
@@ -102,7 +105,7 @@ def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Trace
 
 
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """F at points and its gradient there."""
+    """F at points and its gradient."""
     if row[column.FORM] == column.RELIEF:
         columns, rows = int(row[column.RELIEF_COLUMNS]), int(row[column.RELIEF_ROWS])
         spline = row[column.COEFFICIENTS :][: rows * columns].reshape(rows, columns)
@@ -122,7 +125,7 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
 
 
 def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Traced:
-    """Turned on the plane of an ideal thin lens."""
+    """Deflect rays on the plane of an ideal thin lens."""
     slope = direction[:, :2] / direction[:, 2:] - row[column.COEFFICIENTS] * point[:, :2]
     bent = np.column_stack([slope, np.ones(len(slope))])
     return Traced(point, bent / np.linalg.norm(bent, axis=1, keepdims=True), np.ones(len(point), bool))

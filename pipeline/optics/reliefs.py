@@ -1,8 +1,9 @@
-"""Reliefs: surfaces whose sag is a field of heights, a bicubic spline. Functions of one ray, inlined into kernels.
+"""Reliefs: surfaces whose sag h(x, y) is a bicubic spline of heights. Functions of one ray, inlined into kernels.
 
-A relief is nearly flat: from the vertex plane Newton's method on t d_z = h(x, y) doubles its digits with each step, and
-a ray that is not there after `_STEPS` has missed it. The spline is a sum of B-splines on an even grid, 16 of which are
-not zero at a point; beyond the grid it goes on as at its edge, where no aperture reaches.
+h(x, y) = sum of c_ij B_i(x) B_j(y) over cubic B-splines on an even grid, 16 of which are not zero at a point. From the
+vertex plane Newton's method solves t d_z = h(x + t d_x, y + t d_y) for the path t. A relief is nearly flat, so each
+step doubles the digits, and a ray that has not converged after `_STEPS` has missed it. Beyond the grid, where no
+aperture reaches, the spline of the edge cell continues.
 """
 
 import math
@@ -21,7 +22,7 @@ from pipeline.optics.table import (
 )
 
 _STEPS = 7
-"""Steps of Newton's method: five are enough where slopes stay below 1."""
+"""Newton steps: five are enough where slopes stay below 1."""
 
 
 class Height(NamedTuple):
@@ -36,24 +37,24 @@ class Height(NamedTuple):
 def through_relief(row, mu, ray):
     """The ray moved from the vertex plane to the relief, and refracted there."""
     t = 0.0
-    here = height_at(row, ray.x, ray.y)
+    height = height_at(row, ray.x, ray.y)
     for _ in range(_STEPS):
-        step = (here.mm - t * ray.dz) / (ray.dz - here.by_x * ray.dx - here.by_y * ray.dy)
+        step = (height.mm - t * ray.dz) / (ray.dz - height.by_x * ray.dx - height.by_y * ray.dy)
         t += step
-        here = height_at(row, ray.x + t * ray.dx, ray.y + t * ray.dy)
+        height = height_at(row, ray.x + t * ray.dx, ray.y + t * ray.dy)
     x, y = ray.x + t * ray.dx, ray.y + t * ray.dy
-    along = ray.dz - here.by_x * ray.dx - here.by_y * ray.dy
-    length = 1.0 + here.by_x * here.by_x + here.by_y * here.by_y
+    along = ray.dz - height.by_x * ray.dx - height.by_y * ray.dy
+    length = 1.0 + height.by_x * height.by_x + height.by_y * height.by_y
     squared = length - mu * mu * (length - along * along)
     bend = (math.sqrt(max(squared, 0.0)) - mu * along) / length
-    meets = (abs(here.mm - t * ray.dz) <= RESIDUAL_MM) & (along > 0.0) & (squared >= 0.0)
+    meets = (abs(height.mm - t * ray.dz) <= RESIDUAL_MM) & (along > 0.0) & (squared >= 0.0)
     passes = meets & (x * x + y * y <= row[SEMI_DIAMETER_SQUARED])
     return Ray(
         x,
         y,
         row[VERTEX] + t * ray.dz,
-        mu * ray.dx - bend * here.by_x,
-        mu * ray.dy - bend * here.by_y,
+        mu * ray.dx - bend * height.by_x,
+        mu * ray.dy - bend * height.by_y,
         mu * ray.dz + bend,
         ray.alive if passes else 0.0,
     )
@@ -62,15 +63,20 @@ def through_relief(row, mu, ray):
 @inline
 def height_at(row, x, y):
     """Height and slopes at a point of the vertex plane."""
-    columns, rows, per_mm = row[RELIEF_COLUMNS], row[RELIEF_ROWS], 1.0 / row[RELIEF_SPACING]
+    columns = row[RELIEF_COLUMNS]
+    rows = row[RELIEF_ROWS]
+    per_mm = 1.0 / row[RELIEF_SPACING]
     # Coefficients lie one spacing beyond the heights on each side.
     u, v = x * per_mm + 0.5 * (columns - 1.0), y * per_mm + 0.5 * (rows - 1.0)
-    across, up = _cell(u, columns), _cell(v, rows)
-    u, v = u - across, v - up
+    column, row_below = _cell(u, columns), _cell(v, rows)
+    u, v = u - column, v - row_below
     height = by_x = by_y = 0.0
-    corner, width = COEFFICIENTS + (int(up) - 1) * int(columns) + int(across) - 1, int(columns)
+    corner = COEFFICIENTS + (int(row_below) - 1) * int(columns) + int(column) - 1
+    width = int(columns)
     for k in range(4):
-        first, of_row, slope = corner + k * width, 0.0, 0.0
+        first = corner + k * width
+        of_row = 0.0
+        slope = 0.0
         for n in range(4):
             a = row[first + n]
             of_row += _basis(n, u) * a
@@ -83,8 +89,9 @@ def height_at(row, x, y):
 
 @inline
 def _cell(u, count):
-    """The cell of a place, or the nearest one that has four splines; of NaN the first. A whole number, but no integer:
-    in single precision these must not meet.
+    """The cell of a grid coordinate, or the nearest one with four splines; the first one for NaN.
+
+    An integral value, but no integer: in single precision the two types must not meet.
     """
     inside = u if u > 1.0 else 1.0
     inside = inside if inside < count - 3.0 else count - 3.0
@@ -93,7 +100,7 @@ def _cell(u, count):
 
 @inline
 def _basis(n, t):
-    """The n-th of the four cubic B-splines on a cell, at a share of it."""
+    """The n-th of the four cubic B-splines on a cell, at coordinate t in [0, 1]."""
     s = 1.0 - t
     if n == 0:
         return s * s * s / 6.0
@@ -106,7 +113,7 @@ def _basis(n, t):
 
 @inline
 def _slope(n, t):
-    """Its derivative."""
+    """The derivative of `_basis`."""
     s = 1.0 - t
     if n == 0:
         return -0.5 * s * s

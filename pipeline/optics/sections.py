@@ -1,4 +1,4 @@
-"""A lens in its vertical plane: points (along the axis from the stop, + towards the sensor; height) [mm]."""
+"""Meridional section of a lens: points (along the axis from the stop, + towards the sensor; height) [mm]."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ Section = list[tuple[float, float]]
 
 
 def profiles(prescription: Prescription) -> list[Section]:
-    """Sections of all surfaces where they really stand, drawn as they look from the side."""
+    """Sections of all surfaces, displaced ones where they really are, as seen from the side."""
     outlines = []
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex, motion in placed:
@@ -24,7 +24,7 @@ def profiles(prescription: Prescription) -> list[Section]:
 
 
 def elements(prescription: Prescription) -> list[Section]:
-    """Outlines of the lens elements: what lies between two surfaces and is not air."""
+    """Outlines of the lens elements: two neighbouring surfaces with a denser medium than air between them."""
     placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
     outlines = []
     for (front, ahead), (_, behind) in pairwise(placed):

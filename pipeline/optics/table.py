@@ -1,13 +1,13 @@
-"""A prescription as the flat table that kernels read, for light going either way.
+"""A prescription as the flat table that kernels read, for light in either direction.
 
-Both tables let rays travel along +z of their own frame, so kernels know one direction only: `towards_scene` uses the
+In both tables rays travel along +z of the table's frame, so kernels know one direction only: `towards_scene` uses the
 vision frame (origin at the stop, z forward), `towards_sensor` the lens frame moved to the stop.
 
-A surface off its place has the rigid motion that carries it there from where it stands in the centred lens, about the
-centre of the nominal stop; what follows it stays.
+A displaced surface has the rigid motion from its centred position, about the centre of the nominal stop; the surfaces
+behind it do not move.
 
-Rays from a tilted sensor start in the film frame: the vision frame, turned with the sensor. Its only trace is that they
-enter the first surface of `towards_scene` by another motion than they leave it: behind it they are in the vision frame.
+Rays from a tilted sensor start in the film frame: the vision frame, tilted with the sensor. They enter the first
+surface of `towards_scene` by another motion than they leave it, and behind it they are in the vision frame.
 """
 
 import math
@@ -36,37 +36,37 @@ from pipeline.records.shapes import Float64
     FORM,
 ) = range(13)
 """Columns: vertex z [mm], curvature [1/mm], index before / index behind, squared semi-diameter [mm^2], conic constant,
-number of polynomial coefficients, whether they count odd powers, too, squared inner semi-diameter [mm^2], number of
-straight edges of the aperture and the column of the first one, first of the twelve columns that move the surface off
-its place, 0 for a surface in it, and of the twelve by which rays enter: the same, unless they come from a tilted
-sensor; its form, one of those below. Zeros behind the first four make a circle of a centred sphere. An
-edge takes three columns: x and y of its outward normal, distance from the axis [mm]. A motion is the upper three rows
-of its matrix."""
+number of polynomial coefficients, whether these include odd powers, squared inner semi-diameter [mm^2], number of
+straight edges of the aperture, column of the first edge; first of the twelve columns of the motion by which rays leave
+a displaced surface, 0 for a centred one; first of the twelve of the motion by which they enter, another one only for a
+tilted sensor; form of the surface, one of those below. Zeros behind the first four make a circular aperture on a
+centred sphere. An edge takes three columns: x and y of its outward normal, distance from the axis [mm]. A motion is the
+upper three rows of its matrix."""
 IDEAL = -1.0
-"""Mark in place of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
+"""Marker instead of a number of coefficients: an ideal thin lens, whose one coefficient is its power [1/mm]."""
 TOWARDS_SCENE, TOWARDS_SENSOR = -2.0, -3.0
-"""Marks of one whose image is distorted, by the way of the light; its coefficients are power, 1 / image distance [1/mm]
-and k1, k2, p1, p2, k3, see `optics.brown`."""
+"""Markers of an ideal lens with distortion, by the direction of the light; its coefficients are power, 1 / image
+distance [1/mm] and k1, k2, p1, p2, k3, see `optics.brown`."""
 LOW_TERMS = 5
-"""Least number of coefficients in the row of an asphere; zeros fill up."""
+"""Least number of coefficients in the row of an asphere, padded with zeros."""
 REVOLVED, CYLINDER, RELIEF = range(3)
-"""Forms of surfaces: of revolution, a cylinder, which is straight along x, and a field of heights."""
+"""Forms of surfaces: of revolution, a cylinder, which is straight along x, and a spline of heights."""
 RELIEF_COLUMNS, RELIEF_ROWS, RELIEF_SPACING = CONIC, TERMS, ODD
-"""Columns of a relief, which is no conic and has no polynomial: numbers of its coefficients along x and y, and their
-distance [mm]. They are those of its B-splines, rows along x, from the least y on [mm]."""
+"""Columns of a relief, which has neither a conic constant nor a polynomial: number of its B-spline coefficients along x
+and along y, and their spacing [mm]. The coefficients [mm] are rows along x, from the least y on."""
 COEFFICIENTS = 13
 """First of the coefficients: of r^2, r^4, r^6, ..., or of r^2, r^3, r^4, ... where `ODD` is 1 [mm^(1 - power)]."""
 
 
 class Film(NamedTuple):
-    """Plane in which rays start, turned as in `motion` about the point of the axis at a vision z [mm]."""
+    """Plane in which rays start, tilted as in `motion` about the point of the axis at a vision z [mm]."""
 
     tilt_deg: tuple[float, float] = (0.0, 0.0)
     pivot_mm: float = 0.0
 
     @property
     def vision_from_film(self) -> np.ndarray | None:
-        """The vision frame from the film frame, (4, 4); None: they are one."""
+        """The vision frame from the film frame, (4, 4); None: they coincide."""
         return motion((0.0, 0.0), self.tilt_deg, self.pivot_mm)
 
 
@@ -75,39 +75,40 @@ UPRIGHT = Film()
 
 
 def displacements(prescription: Prescription) -> list[np.ndarray | None]:
-    """Motion of every surface, (4, 4) [mm]; None where it stands in its place.
+    """Displacement of every surface, (4, 4) [mm]; None for a centred one.
 
-    The surface moves first, then its group: what a surface is displaced by counts in the axes of its group.
+    The surface moves first, then its group: the displacement of a surface counts in the axes of its group.
     """
     vertices = prescription.vertices_from_stop_mm
     motions = [motion(s.decentre_mm, s.tilt_deg, z) for s, z in zip(prescription.surfaces, vertices, strict=True)]
     for group in prescription.groups:
         pivot_mm = vertices[group.first] + group.pivot_mm
-        whole = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
-        for i in group.members if whole is not None else ():
-            alone = motions[i]
-            motions[i] = whole if alone is None else whole @ alone
+        of_group = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
+        for i in group.members if of_group is not None else ():
+            of_surface = motions[i]
+            motions[i] = of_group if of_surface is None else of_group @ of_surface
     return motions
 
 
 def motion(
     decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivot_mm: float, roll_deg: float = 0.0
 ) -> np.ndarray | None:
-    """Turn about the point (0, 0, pivot), first about x, then about the turned y and z, then shift; None: no motion."""
+    """Rotation about (0, 0, pivot), first about x, then about the rotated y and z, then a shift; None: no motion."""
     if not any((*decentre_mm, *tilt_deg, roll_deg)):
         return None
     (cos_x, cos_y), (sin_x, sin_y) = ([f(math.radians(angle)) for angle in tilt_deg] for f in (math.cos, math.sin))
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, -sin_x], [0.0, sin_x, cos_x]])
     about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
-    turn, pivot = about_x @ about_y, np.array([0.0, 0.0, pivot_mm])
+    rotation = about_x @ about_y
+    pivot = np.array([0.0, 0.0, pivot_mm])
     if roll_deg:
         cos, sin = math.cos(math.radians(roll_deg)), math.sin(math.radians(roll_deg))
-        turn = turn @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return rigid(turn, pivot - turn @ pivot + np.array([*decentre_mm, 0.0]))
+        rotation = rotation @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return rigid(rotation, pivot - rotation @ pivot + np.array([*decentre_mm, 0.0]))
 
 
 def towards_scene(prescription: Prescription, film: Film = UPRIGHT) -> np.ndarray:
-    """Surfaces from the rear one to the front one, as rays from the film meet them, (n, columns), vision frame."""
+    """Surfaces from the rear one to the front one, in the order of rays from the film, (n, columns), vision frame."""
     return np.ascontiguousarray(_table(prescription, -1.0, film.vision_from_film)[::-1])
 
 
@@ -118,19 +119,20 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
 def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray | None = None) -> np.ndarray:
     """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
-    rows, in_front = [], prescription.index_in_front
+    rows = []
+    in_front = prescription.index_in_front
     placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     for surface, vertex_mm, motion in placed:
         index_ratio = in_front / surface.index if sign > 0 else surface.index / in_front
         row = _row(surface, sign * vertex_mm, index_ratio, sign)
         if motion is not None:
-            there = motion if sign > 0 else VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA
-            row = _moved(row, there)
+            displaced = motion if sign > 0 else VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA
+            row = _moved(row, displaced)
         rows.append(row)
         in_front = surface.index
     if vision_from_film is not None:
-        there = motion_of(np.array(rows[-1]))
-        rows[-1] = _moved(rows[-1], there, inverse(vision_from_film) @ there)
+        displaced = motion_of(np.array(rows[-1]))
+        rows[-1] = _moved(rows[-1], displaced, inverse(vision_from_film) @ displaced)
     table = np.zeros((len(rows), max(map(len, rows))))
     for i, row in enumerate(rows):
         table[i, : len(row)] = row
@@ -138,43 +140,47 @@ def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray
 
 
 def _moved(row: list[float], *motions: np.ndarray) -> list[float]:
-    """The row with the motion by which rays leave its surface, and the one by which they enter, if that is another."""
-    places = [float(len(row) + 12 * i) for i in range(len(motions))]
-    numbers = [value for there in motions for value in (there[:3] + 0.0).ravel().tolist()]
-    return [*row[:POSE], places[0], places[-1], *row[ENTRY + 1 :], *numbers]
+    """The row with the motion by which rays leave its surface, and the one by which they enter, if that differs."""
+    columns = [float(len(row) + 12 * i) for i in range(len(motions))]
+    numbers = [value for matrix in motions for value in (matrix[:3] + 0.0).ravel().tolist()]
+    return [*row[:POSE], columns[0], columns[-1], *row[ENTRY + 1 :], *numbers]
 
 
-def motion_of(row: Float64[np.ndarray, "n"], place: int = POSE) -> np.ndarray:
-    """Motion of the surface of a row from its place in the centred lens, (4, 4), in the frame behind it.
+def motion_of(row: Float64[np.ndarray, "n"], column: int = POSE) -> np.ndarray:
+    """Displacement of the surface of a row from its centred position, (4, 4), in the frame behind it.
 
-    `place`: POSE, or ENTRY for the frame in which rays come.
+    `column`: POSE, or ENTRY for the frame in which rays arrive.
     """
-    result, first = np.eye(4), int(row[place])
+    result = np.eye(4)
+    first = int(row[column])
     if first:
         result[:3] = row[first : first + 12].reshape(3, 4)
     return result
 
 
 def is_centred(table: Float64[np.ndarray, "surfaces columns"]) -> bool:
-    """Whether all surfaces are round and in place: the lens is symmetric about its axis, apertures left aside."""
+    """Whether all surfaces are round and centred: the lens is symmetric about its axis, apertures left aside."""
     return not table[:, [POSE, FORM]].any()
 
 
 def enclosing(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
-    """The same surfaces with the circles around their apertures: what passes the apertures passes these, too."""
+    """The table with every aperture replaced by its enclosing circle, which passes at least as many rays."""
     result = table.copy()
     result[:, [INNER_SQUARED, EDGES]] = 0.0
     return result
 
 
 def without_obstructions(table: Float64[np.ndarray, "surfaces columns"]) -> list[tuple[float, np.ndarray]]:
-    """Lenses without obstructions, with signs, whose light adds up to that of a lens that may have some.
+    """Lenses without obstructions, with signs, whose light adds up to that of a lens with obstructions.
 
-    What passes is all that the outer edges pass (the first lens), less what would meet an obstruction on its way, plus
-    what would meet two of them, and so on: inclusion and exclusion. An obstruction met is an aperture of its size.
+    Inclusion and exclusion: the light within all outer edges (the first lens), less the light that would meet an
+    obstruction, plus the light that would meet two of them, and so on. An obstruction that is met becomes an aperture
+    of its size.
     """
-    holes, plain = np.flatnonzero(table[:, INNER_SQUARED] > 0), table.copy()
-    plain[:, INNER_SQUARED], parts = 0.0, []
+    holes = np.flatnonzero(table[:, INNER_SQUARED] > 0)
+    plain = table.copy()
+    plain[:, INNER_SQUARED] = 0.0
+    parts = []
     for rows in chain.from_iterable(combinations(holes, count) for count in range(len(holes) + 1)):
         part = plain.copy()
         part[list(rows), SEMI_DIAMETER_SQUARED] = table[list(rows), INNER_SQUARED]
@@ -183,7 +189,7 @@ def without_obstructions(table: Float64[np.ndarray, "surfaces columns"]) -> list
 
 
 def unbounded(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
-    """The same surfaces without apertures, for rays that are lines of the geometry."""
+    """The table without apertures, for rays that are lines of the geometry."""
     result = enclosing(table)
     result[:, SEMI_DIAMETER_SQUARED] = np.inf
     return result
@@ -229,7 +235,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
 
 
 def _ideal(surface: Surface, sign: float) -> list[float]:
-    """Power of an ideal thin lens, and what distorts its image; the lens frame has y up, which turns p2 round."""
+    """Power of an ideal thin lens, and its distortion; the lens frame has y up, which changes the sign of p2."""
     assert surface.focal_length_mm is not None
     if not surface.distortion:
         return [1 / surface.focal_length_mm]
@@ -238,7 +244,7 @@ def _ideal(surface: Surface, sign: float) -> list[float]:
 
 
 def _polynomial(surface: Surface) -> tuple[list[float], bool]:
-    """Coefficients without zeros at the end, and whether they count odd powers, too."""
+    """Coefficients without trailing zeros, and whether they include odd powers."""
     even, odd = surface.even_coefficients, surface.odd_coefficients
     if not any(odd):
         return _trimmed(even), False

@@ -1,10 +1,10 @@
-"""Share of light that passes the surfaces and the glass of a lens, ray by ray, by NumPy.
+"""Transmittance of a lens, ray by ray, by NumPy: its coatings, bare surfaces and absorbing glass.
 
-A coating is measured reflectances by wavelength and angle, or films whose interference is computed. Angles of a table
-are those in the medium of the lower index at the surface: in air unless the surface is cemented. So they do not depend
-on the way that light goes. A bare surface has Fresnel's equations for unpolarised light: half of it is polarised along
-the surface, half across, and both halves keep to themselves in a centred lens near its meridional planes. Light that is
-reflected twice and arrives after all is lost here.
+A coating is a table of measured reflectances by wavelength and angle, or a stack of thin films whose interference is
+computed. Angles of a table are those in the medium of the lower index: in air unless the surface is cemented. So they
+do not depend on the direction of light. A bare surface follows Fresnel's equations for unpolarised light: s and p
+polarisation carry half of it each and do not mix, as in a centred lens near its meridional planes. Light that reaches
+the sensor after two reflections is left out.
 """
 
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from pipeline.records.shapes import Float64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Film:
-    """A film without absorption: its index relative to air, and its thickness over the wavelength in air."""
+    """A thin film without absorption: its index relative to air, and its thickness over the wavelength in air."""
 
     index: float
     waves: float
@@ -36,7 +36,7 @@ class Coating:
     films: tuple[Film, ...] = ()  # in the order in which light from the scene meets them; in place of reflectances
 
     def passed(self, before: float, behind: float, cosine: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Share of light that passes, polarised across the plane of incidence and in it, (2, n), by indices."""
+        """Transmittance for s and p polarisation, (2, n), by the indices before and behind the surface."""
         if self.films:
             return _through_films(self.films, before, behind, _lateral(before, cosine))
         if not self.angles_deg:
@@ -49,7 +49,7 @@ class Coating:
 class CoatingData:
     """A coating at all wavelengths, as a stage states it. All empty: a bare surface.
 
-    Where its parts do not fit together the code of the PrescriptionError says where: `coating`, `coating-wavelengths`,
+    If its parts are inconsistent, the code of the PrescriptionError says which: `coating`, `coating-wavelengths`,
     `coating-angles` or `coating-films`.
     """
 
@@ -68,16 +68,16 @@ class CoatingData:
         wavelengths, angles, values = map(len, (self.wavelengths_nm, self.angles_deg, self.reflectance))
         if values != wavelengths * max(1, angles):
             by_angle = f"{angles} angles, " if angles else ""
-            what = f"a coating has {by_angle}{wavelengths} wavelengths and {values} reflectances"
+            message = f"a coating has {by_angle}{wavelengths} wavelengths and {values} reflectances"
             each = "a reflectance for each wavelength, at the first angle, then at the second one, and so on"
-            raise PrescriptionError(what, hint=each if angles else "as many of both", code="coating")
+            raise PrescriptionError(message, hint=each if angles else "as many of both", code="coating")
         films = len(self.film_indices), len(self.film_thicknesses_nm)
         if films[0] != films[1]:
-            what = f"a coating has films of {films[0]} indices and {films[1]} thicknesses"
-            raise PrescriptionError(what, hint="as many of both", code="coating-films")
+            message = f"a coating has films of {films[0]} indices and {films[1]} thicknesses"
+            raise PrescriptionError(message, hint="as many of both", code="coating-films")
         if values and films[0]:
-            what = "a coating is stated by reflectances and by films"
-            raise PrescriptionError(what, hint="keep what was measured, or the films", code="coating-films")
+            message = "a coating is stated by reflectances and by films"
+            raise PrescriptionError(message, hint="keep what was measured, or the films", code="coating-films")
 
     def at(self, wavelength_nm: float) -> Coating | None:
         """The coating at a wavelength in air, constant beyond the ends of the table; None for a bare surface."""
@@ -92,25 +92,25 @@ class CoatingData:
 
 
 def angles_deg(before: float, behind: float, cosine: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Angles of incidence in the medium of the lower index, (n,), by their cosines before the surface."""
+    """Angles of incidence in the medium of the lower index, (n,), from their cosines before the surface."""
     return np.degrees(np.arcsin(np.minimum(_lateral(before, cosine) / min(before, behind), 1.0)))
 
 
 def _lateral(index: float, cosine: np.ndarray) -> np.ndarray:
-    """The index times the sine of the angle: the same in all media (Snell)."""
+    """The index times the sine of the angle, which Snell's law conserves."""
     return np.asarray(index * np.sqrt(np.maximum(1 - cosine**2, 0.0)))
 
 
-def _ascending(values: tuple[float, ...], what: str, unit: str) -> None:
+def _ascending(values: tuple[float, ...], quantity: str, unit: str) -> None:
     for before, after in pairwise(values):
         if not before < after:
-            message = f"{what} of a coating do not ascend: {after:.7g} {unit} follow {before:.7g}"
+            message = f"{quantity} of a coating do not ascend: {after:.7g} {unit} follow {before:.7g}"
             hint = "write them in ascending order, and their reflectances in the same"
-            raise PrescriptionError(message, hint=hint, code=f"coating-{what}")
+            raise PrescriptionError(message, hint=hint, code=f"coating-{quantity}")
 
 
 def _through_films(films: tuple[Film, ...], before: float, behind: float, lateral: np.ndarray) -> np.ndarray:
-    """Share of light that passes plane films, as `Coating.passed`; `lateral` is the index times the sine of the angle.
+    """Transmittance of a stack of plane films, as `Coating.passed`; `lateral` is the index times the sine of the angle.
 
     The characteristic matrix of each film [[cos d, i sin d / e], [i e sin d, cos d]], with the phase d = 2 pi n cos(a)
     thickness / wavelength and the admittance e = n cos(a) or n / cos(a) by polarisation, carries the field from its
@@ -141,7 +141,7 @@ class Losses:
     """Losses of a lens at one wavelength, from the scene to the sensor."""
 
     coatings: tuple[Coating | None, ...]  # of each surface; None: a bare one
-    per_mm: tuple[float, ...]  # share of light that a millimetre of the medium behind each surface lets pass
+    per_mm: tuple[float, ...]  # internal transmittance of a millimetre of the medium behind each surface
 
 
 def transmitted(
@@ -150,7 +150,7 @@ def transmitted(
     direction: Float64[np.ndarray, "n 3"],
     losses: Losses,
 ) -> np.ndarray:
-    """Share of the light of rays that leaves the last surface of a table, (n,); 0 for those that do not pass.
+    """Transmittance of rays through all surfaces of a table, (n,); 0 for those that do not pass.
 
     `table`: from `optics.table`.
     `position_mm`, `direction`: points on the rays and unit directions with a positive z.
@@ -160,7 +160,7 @@ def transmitted(
     alive = np.ones(len(position_mm), bool)
     met = _met(table, position_mm, direction, float(np.prod(table[:, INDEX_RATIO])))
     for at, coat, glass in zip(met, losses.coatings, (1.0, *losses.per_mm[:-1]), strict=True):
-        inside = np.asarray(glass ** np.where(np.isfinite(at.way_mm), np.maximum(at.way_mm, 0.0), 0.0))
+        inside = np.asarray(glass ** np.where(np.isfinite(at.path_mm), np.maximum(at.path_mm, 0.0), 0.0))
         if coat is not None:
             shares = coat.passed(at.before, at.behind, at.cosine)
         elif at.row[TERMS] < 0 or at.row[INDEX_RATIO] == 1:
@@ -177,10 +177,13 @@ def steepest_deg(
     position_mm: Float64[np.ndarray, "n 3"],
     direction: Float64[np.ndarray, "n 3"],
 ) -> np.ndarray:
-    """Largest angle at which rays that pass a table meet each surface, (surfaces,), as tables of coatings count it;
+    """Largest angle of incidence at each surface of rays that pass a table, (surfaces,), as tables of coatings count
+    it.
+
     0 where no ray passes. The arguments are those of `transmitted`.
     """
-    alive, angles = np.ones(len(position_mm), bool), []
+    alive = np.ones(len(position_mm), bool)
+    angles = []
     for at in _met(table, position_mm, direction, 1.0):
         angles.append(angles_deg(at.before, at.behind, at.cosine))
         alive &= at.passes
@@ -188,10 +191,10 @@ def steepest_deg(
 
 
 class _Met(NamedTuple):
-    """Rays at a surface: its row, the way there, directions before and behind it, and cosines of their incidence."""
+    """Rays at a surface: its row, path length to it, directions before and behind it, and cosines of incidence."""
 
     row: np.ndarray
-    way_mm: np.ndarray
+    path_mm: np.ndarray
     direction: np.ndarray
     bent: np.ndarray
     passes: np.ndarray
@@ -205,16 +208,16 @@ def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray, behi
     for row in table:
         before, behind = behind, behind / row[INDEX_RATIO]
         point, bent, passes = traced(row[None], position_mm, direction)
-        way_mm = np.sum((point - position_mm) * direction, axis=1)
-        yield _Met(row, way_mm, direction, bent, passes, incidence(row, point, direction), before, behind)
+        path_mm = np.sum((point - position_mm) * direction, axis=1)
+        yield _Met(row, path_mm, direction, bent, passes, incidence(row, point, direction), before, behind)
         position_mm, direction = point, bent
 
 
 def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-    """Share of light that a bare surface lets pass, polarised across the plane of incidence and in it, (2, n).
+    """Transmittance of a bare surface for s and p polarisation, (2, n).
 
-    With i and r the angles of incidence and of refraction, reflectances are (sin(i - r) / sin(i + r))^2 and
-    (tan(i - r) / tan(i + r))^2 (Fresnel 1823), here by cosines, which hold at normal incidence, too.
+    With i and r the angles of incidence and of refraction, reflectances are (sin(i - r) / sin(i + r))^2 and (tan(i - r)
+    / tan(i + r))^2 (Fresnel 1823), here by cosines, which hold at normal incidence, too.
 
     `index_ratio`: index before the surface over that behind it.
     `before`, `behind`: unit directions of rays.
@@ -223,7 +226,7 @@ def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Floa
     normal = behind - index_ratio * before
     with np.errstate(invalid="ignore"):
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        i, r = (np.abs(np.sum(normal * way, axis=1)) for way in (before, behind))
+        i, r = (np.abs(np.sum(normal * ray, axis=1)) for ray in (before, behind))
         n = index_ratio
         s, p = (n * i - r) / (n * i + r), (n * r - i) / (n * r + i)
     return np.stack([1 - s**2, 1 - p**2])

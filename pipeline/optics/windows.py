@@ -1,7 +1,7 @@
-"""Windows before a lens, such as ports, domes and panes, and the medium of the scene.
+"""Windows in front of a lens, such as ports, domes and panes, and the medium of the scene.
 
-A window is surfaces in front of the others of a prescription, all of them one group that stands where the window does.
-The name of the group is a slash and the name of the window; groups of a lens have none in theirs.
+A window is a group of surfaces in front of those of the lens; the group has the pose of the window. The name of the
+group is a slash and the name of the window; names of a lens's own groups have no slash.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from pipeline.optics.prescription import Group, Prescription, PrescriptionError,
 from pipeline.records.declared import settle
 
 MARK = "/"
-"""Beginning of the name of a group that is a window."""
+"""First character of the name of a group that is a window."""
 
 
 def parted(prescription: Prescription) -> tuple[tuple[Group, ...], Prescription]:
@@ -43,7 +43,7 @@ class Indices:
 class Windows:
     """Windows from the outermost one to the lens, each as its group; none, for a medium alone.
 
-    The indices of `surfaces` do not count: `light` has those of every wavelength that a camera sees.
+    The indices of `surfaces` do not count: `light` has those of every wavelength of the camera.
     """
 
     surfaces: tuple[Surface, ...] = ()
@@ -59,7 +59,7 @@ class Windows:
         return next(indices for indices in self.light if indices.wavelength_nm == wavelength_nm)
 
     def before(self, lens: Prescription, wavelength_nm: float) -> Prescription:
-        """A prescription with these windows before it."""
+        """The prescription with these windows in front of it."""
         media = self.at(wavelength_nm)
         glazed = tuple(replace(s, index=n) for s, n in zip(self.surfaces, media.behind, strict=True))
         if glazed:

@@ -158,7 +158,7 @@ def meet_plane(beams, pose, edge_mm, step_mm, meeting):
                 back += t > 0.0 and towards > 0.0
                 behind += t < 0.0
         meeting.side[b] = ODD
-        if beams.known[b]:
+        if beams.is_complete[b]:
             for side, count in ((FRONT, front), (BACK, back), (BEHIND, behind)):
                 if count == NODES * NODES * RAYS:
                     meeting.side[b] = side

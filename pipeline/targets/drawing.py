@@ -1,8 +1,8 @@
 """Drawings: artwork of a target as shapes painted on a white sheet one after the other, exact and without a resolution.
 
-A drawing is the only definition of the appearance of a pattern: kernels ask it for the colour of a point, and of a box
-that has only one, and `pages/artwork` prints the same shapes. It is in the chart: x right, y up, origin at the centre
-of the sheet [mm]. In kernels `drawing` is a `DrawingArrays`.
+A drawing is the only definition of the appearance of a pattern: kernels look up the colour of a point, and of a box of
+one colour, and `pages/artwork` prints the shapes. It is in the chart: x right, y up, origin at the centre of the sheet
+[mm]. In kernels `drawing` is a `DrawingArrays`.
 """
 
 import math
@@ -22,7 +22,7 @@ POLYGON, DISC, SPOKES, CHECKS = range(4)
 """Numbers of the kinds of shapes."""
 
 NOT_PAINTED = -1.0
-"""Value for a point beside a shape; black is 0 and white is 1."""
+"""Value for a point outside of a shape; black is 0 and white is 1."""
 COLOUR, LEFT, RIGHT, BOTTOM, TOP = range(5)
 """Columns of the numbers of a polygon: 0 for black or 1 for white, and its bounds."""
 MIDDLE_X, MIDDLE_Y, RADIUS = 1, 2, 3
@@ -36,8 +36,7 @@ NUMBERS = 6
 BESIDE, MIXED = -1.0, -2.0
 """Values for a box besides 0 (black) and 1 (white): off the sheet; of several colours, or possibly so."""
 _MOST_BINS = 16
-"""Most bins in which a box may lie before it is called mixed: to examine more costs more than the rays that this saves.
-"""
+"""Most bins that a box may overlap before it is called mixed: examining more costs more than the rays that it saves."""
 
 
 class DrawingArrays(NamedTuple):
@@ -51,14 +50,14 @@ class DrawingArrays(NamedTuple):
     first: np.ndarray  # (s + 1,) int64, index of the first of the `corners`, (c, 2) float64, of each shape
     corners: np.ndarray
     bins: int  # bins of a grid over the sheet, along each axis
-    # (bins^2 + 1,), (i,) int64, shapes that may be seen in each bin, the last one first, and where those of each begin
+    # (bins^2 + 1,), (i,) int64, start of each bin's items; shapes that may be visible in each bin, the last one first
     starts: np.ndarray
     items: np.ndarray
 
 
 @inline
 def in_polygon(corners, first, end, x, y):
-    """Even-odd rule: of two polygons that share an edge only one holds a point of it."""
+    """Even-odd rule: of two polygons with a common edge only one contains a point on it."""
     inside = False
     j = end - 1
     for i in range(first, end):
@@ -91,7 +90,7 @@ def spoke_colour(count, inner, outer, phase, x, y):
 
 @inline
 def painted(drawing, s, x, y):
-    """Colour that shape number s gives a point, NOT_PAINTED beside it."""
+    """Colour of a point by shape number s, NOT_PAINTED outside of it."""
     kind, numbers, first = drawing.kinds[s], drawing.numbers, drawing.first
     if kind == CHECKS:
         return check_colour(numbers[s, COLUMNS], numbers[s, ROWS], numbers[s, SQUARE], x, y)
@@ -112,13 +111,13 @@ def _bin(x, half, n):
 
 @inline
 def whiteness(drawing, x, y):
-    """1 on white, 0 on black, NaN beside the sheet: the last shape that holds the point decides."""
+    """1 on white, 0 on black, NaN beside the sheet: the last shape that contains the point decides."""
     half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (abs(x) <= half_x and abs(y) <= half_y):
         return math.nan
     bin_ = _bin(y, half_y, n) * n + _bin(x, half_x, n) if n > 1 else 0
-    for place in range(starts[bin_], starts[bin_ + 1]):
-        colour = painted(drawing, drawing.items[place], x, y)
+    for item in range(starts[bin_], starts[bin_ + 1]):
+        colour = painted(drawing, drawing.items[item], x, y)
         if colour != NOT_PAINTED:
             return colour
     return 1.0
@@ -126,7 +125,7 @@ def whiteness(drawing, x, y):
 
 @kernel
 def whiteness_at_points(drawing, x, y, value):
-    """`whiteness` at many points, (n,) each; `value` is written."""
+    """Write `whiteness` at many points, (n,) each, into `value`."""
     for i in range(x.size):
         value[i] = whiteness(drawing, x[i], y[i])
 
@@ -143,7 +142,7 @@ def only_checks(drawing):
 def colour_of_box(drawing, left, right, bottom, top):
     """1 if a box is entirely white, 0 if entirely black, else `BESIDE` or `MIXED`.
 
-    An answer of one colour is always right; with many or round shapes, a box of one colour may be called mixed.
+    A colour is always right; with many or round shapes, a box of one colour may be called mixed.
     """
     half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (left <= right and bottom <= top):  # NaN
@@ -159,8 +158,8 @@ def colour_of_box(drawing, left, right, bottom, top):
     for j in range(j0, j1 + 1):
         for i in range(i0, i1 + 1):
             bin_ = j * n + i
-            for place in range(starts[bin_], starts[bin_ + 1]):
-                if _has_edge_in(drawing, drawing.items[place], left, right, bottom, top):
+            for item in range(starts[bin_], starts[bin_ + 1]):
+                if _has_edge_in(drawing, drawing.items[item], left, right, bottom, top):
                     return MIXED
     x, y = 0.5 * (left + right), 0.5 * (bottom + top)
     return whiteness(drawing, x, y)
@@ -192,7 +191,7 @@ def _has_edge_in(drawing, s, left, right, bottom, top):
 
 @inline
 def _checks_change(columns, rows, square, left, right, bottom, top):
-    """Whether a box meets several squares of a checkerboard, or its rim."""
+    """Whether a box overlaps several squares of a checkerboard, or its rim."""
     i0, i1 = math.floor(left / square + 0.5 * (columns + 1)), math.floor(right / square + 0.5 * (columns + 1))
     j0, j1 = math.floor(0.5 * (rows + 1) - top / square), math.floor(0.5 * (rows + 1) - bottom / square)
     if i1 < 0 or i0 > columns or j1 < 0 or j0 > rows:
@@ -249,9 +248,9 @@ class Spokes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checks:
-    """Squares about the centre of the sheet, black and white in turn; the top-left one is black.
+    """Alternating black and white squares about the centre of the sheet; the top-left one is black.
 
-    `columns` and `rows` count inner corners, so there is one square more.
+    `columns` and `rows` count inner corners, one less than squares.
     """
 
     columns: int
@@ -302,7 +301,7 @@ class Drawing:
 
 
 def _numbers(shape: Shape) -> tuple[float, ...]:
-    """Numbers of a shape, in the columns that `kernels` names."""
+    """Numbers of a shape, in the columns named above."""
     if isinstance(shape, Polygon):
         return (0.0 if shape.is_black else 1.0, *bounds(shape), 0)
     if isinstance(shape, Disc):
@@ -325,7 +324,7 @@ def bounds(shape: Shape) -> tuple[float, float, float, float]:
 
 
 def _bins(half_x: float, half_y: float, shapes: Sequence[Shape]) -> tuple[int, np.ndarray, np.ndarray]:
-    """Shapes that may be seen in each bin of a grid over the sheet: `bins`, `starts` and `items` of `DrawingArrays`."""
+    """Shapes that may be visible in each bin of a grid over the sheet: `bins`, `starts`, `items` of `DrawingArrays`."""
     count = math.ceil(2 * math.sqrt(len(shapes))) if len(shapes) > 3 else 1
     lists: list[list[int]] = [[] for _ in range(count * count)]
 

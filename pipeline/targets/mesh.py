@@ -1,4 +1,4 @@
-"""Meshes: targets of any known shape with marked points, and occluders that may be in front of a target."""
+"""Meshes: targets of any known shape with marked points, and occluders that may hide a target."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,11 +15,11 @@ from pipeline.targets.surfaces import MESH, Patch
 
 Triple = tuple[float, float, float]
 _SAME = 1e-7
-"""Distance within which two vertices are one, as a part of the mesh [1]: files hold single precision."""
+"""Distance within which two vertices coincide, relative to the mesh [1]: files hold single precision."""
 
 
 def require_faces(triangles: Int64[np.ndarray, "m 3"], vertices: int) -> None:
-    """Refuse, by a TargetError, a mesh without faces, or with a face that names a vertex which it does not have."""
+    """Raise a TargetError for a mesh without faces, or with a face that names a missing vertex."""
     if not len(triangles):
         raise TargetError("the mesh has no faces", code="bad-mesh")
     if not 0 <= triangles.min() <= triangles.max() < vertices:
@@ -27,8 +27,10 @@ def require_faces(triangles: Int64[np.ndarray, "m 3"], vertices: int) -> None:
 
 
 def is_closed(points: Float64[np.ndarray, "n 3"], triangles: Int64[np.ndarray, "m 3"]) -> bool:
-    """Whether triangles close a volume: along each edge, as many of them run one way as the other. Vertices at the same
-    place, as at the seams of textures, are one."""
+    """Whether triangles bound a volume: along each edge, equally many run in either direction.
+
+    Coincident vertices, as at the seams of textures, count as one.
+    """
     off = points - points.mean(axis=0)
     grain = max(_SAME * float(np.abs(off).max()), np.finfo(float).tiny)
     _, same = np.unique(np.round(off / grain), axis=0, return_inverse=True)
@@ -45,7 +47,7 @@ class Occluder(ByContent):
     Raises TargetError: it has no faces, or a face refers to a vertex that does not exist.
     """
 
-    vertices_mm: Any  # (n, 3) float64, made of anything like it
+    vertices_mm: Any  # (n, 3) float64, or anything that converts to it
     triangles: Any  # (m, 3) int64
     radiance: float = 0.0
 
@@ -61,29 +63,31 @@ class Occluder(ByContent):
 
     @cached_property
     def _ball_mm(self) -> tuple[np.ndarray, float]:
-        """Centre and radius of a ball around it."""
+        """Centre and radius of an enclosing sphere."""
         centre = (self.vertices_mm.min(axis=0) + self.vertices_mm.max(axis=0)) / 2
         return centre, float(np.linalg.norm(self.vertices_mm - centre, axis=1).max())
 
     def may_reach(
         self, poses: Float64[np.ndarray, "n 4 4"], ends_mm: Float64[np.ndarray, "2 3"], distance_mm: float
     ) -> Bool[np.ndarray, "n"]:
-        """Whether the mesh, in affine poses, may be as near as that to the segment between two points, (2, 3)."""
-        (centre, radius), (start, end) = self._ball_mm, ends_mm
-        off, way = poses[:, :3, :3] @ centre + poses[:, :3, 3] - start, end - start
-        share = np.clip(off @ way / max(way @ way, np.finfo(float).tiny), 0.0, 1.0)
-        apart = np.linalg.norm(off - share[:, None] * way, axis=1)
+        """Whether the mesh, in affine poses, may come within a distance of the segment between two points, (2, 3)."""
+        centre, radius = self._ball_mm
+        start, end = ends_mm
+        off = poses[:, :3, :3] @ centre + poses[:, :3, 3] - start
+        segment = end - start
+        share = np.clip(off @ segment / max(segment @ segment, np.finfo(float).tiny), 0.0, 1.0)
+        apart = np.linalg.norm(off - share[:, None] * segment, axis=1)
         reach: np.ndarray = apart <= distance_mm + radius * np.linalg.norm(poses[:, :3, :3], axis=(1, 2))
         return reach
 
     def is_closed(self) -> bool:
-        """Whether its triangles close a volume."""
+        """Whether its triangles bound a volume."""
         return is_closed(self.vertices_mm, self.triangles)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshTarget:
-    """Flat triangles with points on them, for anything of known shape. Everything is in the target frame."""
+    """A target of flat triangles with marked points, for objects of known shape. Everything is in the target frame."""
 
     KIND: ClassVar[str] = "mesh"
     ORDER: ClassVar[str] = "id: place in the list of marked points of the stage"
@@ -165,8 +169,8 @@ def _distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
     inside = (b1 >= 0) & (b2 >= 0) & (b1 + b2 <= 1)
     edges = np.full(len(a), np.inf)
     for i in range(3):
-        start, way = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
-        length = np.maximum(np.sum(way**2, axis=1), 1e-300)
-        t = np.clip(np.sum((point - start) * way, axis=1) / length, 0, 1)
-        edges = np.minimum(edges, np.linalg.norm(point - start - t[:, None] * way, axis=1))
+        start, edge = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
+        length = np.maximum(np.sum(edge**2, axis=1), 1e-300)
+        t = np.clip(np.sum((point - start) * edge, axis=1) / length, 0, 1)
+        edges = np.minimum(edges, np.linalg.norm(point - start - t[:, None] * edge, axis=1))
     return np.where(inside, flat, edges)

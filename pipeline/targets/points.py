@@ -1,6 +1,6 @@
-"""Target points: the facts about a target that the ground truth needs, for every pattern and surface.
+"""Target points: what the ground truth needs of a target, for every pattern and surface.
 
-Each point has its own tangent plane. Points with the same plane (those of a board, or of a face of a cube) form one
+Each point has its own tangent plane. Points with a common plane (those of a board, or of a face of a cube) form one
 `TangentPlane`, so that its position image is computed only once.
 """
 
@@ -14,8 +14,9 @@ from pipeline.records.shapes import Float64, Int64
 
 @dataclass(frozen=True, slots=True)
 class TangentPlane:
-    """A plane, z its normal out of the front, and the points at which it touches the surface: their indices, and
-    positions in its own frame.
+    """A plane, z its normal out of the front, and the points at which it touches the surface.
+
+    The points are given by their indices and by positions in the frame of the plane.
     """
 
     target_from_plane: Float64[np.ndarray, "4 4"]
@@ -27,7 +28,7 @@ class TangentPlane:
 class TargetPoints:
     """Points of a target in the order of their ids: the index is the id."""
 
-    # on the surface and on a flat board, which differ only on warped ones, target frame
+    # on the surface, and on the nominal flat board of a warped one, target frame
     position_mm: Float64[np.ndarray, "n 3"]
     nominal_mm: Float64[np.ndarray, "n 3"]
     # columns: x and y along the surface, and the normal out of its front, target frame
@@ -71,4 +72,4 @@ class TargetPoints:
 
 def frames_at(position_mm: Float64[np.ndarray, "n 3"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
     """target_from_plane of a separate plane for every point, (n, 4, 4)."""
-    return np.array([rigid(turn, place) for turn, place in zip(axes, position_mm, strict=True)]).reshape(-1, 4, 4)
+    return np.array([rigid(turn, origin) for turn, origin in zip(axes, position_mm, strict=True)]).reshape(-1, 4, 4)

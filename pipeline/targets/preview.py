@@ -16,7 +16,8 @@ from pipeline.targets.surfaces import CYLINDER, PLANE, Patch
 from pipeline.targets.target import Target
 
 _AROUND, _ACROSS = 64, 24
-"""Faces around a cylinder, and along each direction of a bent board: enough for looking; no number depends on them."""
+"""Faces around a cylinder, and along each direction of a bent board: enough for a picture; no number depends on
+them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,7 @@ class PreviewFaces:
 
     points_mm: Float64[np.ndarray, "n 3"]
     faces: Int64[np.ndarray, "m 4"]  # corners, anticlockwise as seen from the front
-    # place of each point on the picture of all patches side by side, from (0, 0), lower left, to (1, 1)
+    # texture coordinates of each point on the picture of all patches side by side, (0, 0) lower left to (1, 1)
     sheet: Float64[np.ndarray, "n 2"]
 
 
@@ -47,10 +48,12 @@ _WIDEST_PX = 1 << 14
 
 
 def preview_picture(target: Target, size_px: int) -> np.ndarray:
-    """Relative radiance of all patches side by side, (size_px, size_px * patches), or smaller for many; the first row
-    is the top.
+    """Relative radiance of all patches side by side, (size_px, size_px * patches), or smaller for many.
+
+    The first row is the top.
     """
-    pictures, patches = [], target.patches()
+    pictures = []
+    patches = target.patches()
     size_px = max(1, min(size_px, _WIDEST_PX // len(patches)))
     for patch in patches:
         black, white = patch.colours
@@ -64,7 +67,8 @@ def _faces(patch: Patch) -> PreviewFaces:
     """Faces of one patch, in its own frame."""
     columns, rows = {PLANE: (1, 1), CYLINDER: (_AROUND, 1)}.get(patch.kind, (_ACROSS, _ACROSS))
     u, v = np.meshgrid(np.linspace(0, 1, columns + 1), np.linspace(0, 1, rows + 1))
-    sheet, lower_left = np.stack([u.ravel(), v.ravel()], axis=1), np.arange(u.size).reshape(u.shape)[:-1, :-1]
+    sheet = np.stack([u.ravel(), v.ravel()], axis=1)
+    lower_left = np.arange(u.size).reshape(u.shape)[:-1, :-1]
     faces = lower_left.reshape(-1, 1) + np.array([0, 1, columns + 2, columns + 1])
     xy = (2 * sheet - 1) * [patch.drawing.half_x_mm, patch.drawing.half_y_mm]
     return PreviewFaces(_placed(patch, xy), faces, sheet)

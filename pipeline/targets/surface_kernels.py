@@ -1,8 +1,12 @@
-"""Crossings of rays with the surfaces of targets, and the light of their artwork there. Kernels only; mm.
+"""Intersections of rays with the surfaces of targets, and the light of their artwork. Kernels only; mm.
 
-`shape` of a board over the chart: number of heights along x and y, half width, half height, then the heights, rows from
-the top, each from the left; 0 heights along x stand for a parabolic warp, whose two deflections follow instead. That of
-a cylinder holds its radius.
+A board is z = h(u, v) over the chart: Catmull-Rom cubics between heights, h = sum of h_ij w_i(u) w_j(v), or a parabolic
+warp, h = a (1 - (u / half width)^2) + b (1 - (v / half height)^2). Newton's method solves o_z + t d_z = h for the path
+t. A cylinder is x^2 + (z + R)^2 = R^2 in the patch frame, met at the roots of a quadratic.
+
+`shape` of a board: number of heights along x and y, half width, half height, then the heights, rows from the top, each
+from the left; 0 heights along x mark a parabolic warp, followed by its two deflections. That of a cylinder holds its
+radius.
 """
 
 import math
@@ -15,11 +19,11 @@ from pipeline.targets.drawing import DrawingArrays, check_colour, only_checks, w
 from pipeline.targets.vectors import along, column, cross, dot, local, minus, row
 
 COLUMNS, ROWS, HALF_X, HALF_Y, HEIGHTS = range(5)
-"""Columns of the shape of a board; from the last one on follow its heights, or two deflections."""
+"""Columns of the shape of a board; its heights, or two deflections, begin at the last one."""
 CYLINDER_RADIUS = 0
 """Column of the shape of a cylinder."""
 _STEPS = 20
-"""Most steps of Newton's method: digits double near the board, and a ray that grazes it must end."""
+"""Most Newton steps: digits double near the board, and the search for a grazing ray must end."""
 _PRECISION = 1e-12
 """Last step of Newton's method [mm]; the remaining error is some digits smaller."""
 
@@ -33,7 +37,7 @@ class Artwork(NamedTuple):
 
 
 class Curved(NamedTuple):
-    """A cylinder or a warped board: its numbers, and corners (m, 3, 3) of a mesh near it, patch frame."""
+    """A cylinder or a warped board: its parameters, and corners (m, 3, 3) of a mesh near it, patch frame."""
 
     is_cylinder: bool
     shape: np.ndarray
@@ -42,11 +46,12 @@ class Curved(NamedTuple):
 
 @inline
 def on_plane(pose, origin, direction):
-    """Meet the plane z = 0 of a frame: path, x and y there, and a number that is positive if the ray comes from behind.
+    """Intersect a ray with the plane z = 0 of a frame: path, x, y, and a number that is positive for rays from behind.
 
     `pose` is vision_from_frame, the ray two triples in the vision frame; the path is negative behind its start.
     """
-    z, off = column(pose, 2), minus(origin, column(pose, 3))
+    z = column(pose, 2)
+    off = minus(origin, column(pose, 3))
     towards = dot(z, direction)
     t = -dot(z, off) / towards
     hit = along(off, t, direction)
@@ -55,7 +60,7 @@ def on_plane(pose, origin, direction):
 
 @inline
 def path_to(corners, origin, direction):
-    """Path of a ray to the plane of a triangle, and the plane's normal, which is not of unit length."""
+    """Path of a ray to the plane of a triangle, and the plane's normal, not of unit length."""
     a = row(corners, 0)
     normal = cross(minus(row(corners, 1), a), minus(row(corners, 2), a))
     return dot(minus(a, origin), normal) / dot(direction, normal), normal
@@ -64,7 +69,8 @@ def path_to(corners, origin, direction):
 @inline
 def shares(corners, normal, point):
     """Weights of the second and the third corner at a point of the plane of a triangle."""
-    a, area = row(corners, 0), dot(normal, normal)
+    a = row(corners, 0)
+    area = dot(normal, normal)
     e1, e2, off = minus(row(corners, 1), a), minus(row(corners, 2), a), minus(point, a)
     return dot(cross(off, e2), normal) / area, dot(cross(e1, off), normal) / area
 
@@ -91,7 +97,7 @@ def _weights(t):
 
 @inline
 def _node(shape, i, j):
-    """A height of the map; beyond its edge the linear continuation."""
+    """A height of the map, continued linearly beyond its edge."""
     nx, ny = int(shape[COLUMNS]), int(shape[ROWS])
     if i < 0:
         return 2.0 * _row_node(shape, 0, j, nx, ny) - _row_node(shape, 1, j, nx, ny)
@@ -111,10 +117,13 @@ def _row_node(shape, i, j, nx, ny):
 
 @inline
 def height_into(shape, u, v, result):
-    """Height z and its derivatives by u, v, uu, uv, vv at a point of the chart; `result` (6,) is written."""
+    """Write the height z and its derivatives by u, v, uu, uv, vv at a point of the chart into `result` (6,)."""
     half_x, half_y = shape[HALF_X], shape[HALF_Y]
     if shape[COLUMNS] == 0.0:
-        a, b, x, y = shape[HEIGHTS], shape[HEIGHTS + 1], u / half_x, v / half_y
+        a = shape[HEIGHTS]
+        b = shape[HEIGHTS + 1]
+        x = u / half_x
+        y = v / half_y
         result[0] = a * (1.0 - x * x) + b * (1.0 - y * y)
         result[1], result[2] = -2.0 * a * x / half_x, -2.0 * b * y / half_y
         result[3], result[4], result[5] = -2.0 * a / (half_x * half_x), 0.0, -2.0 * b / (half_y * half_y)
@@ -139,7 +148,7 @@ def height_into(shape, u, v, result):
 
 @unit
 def height_hit(shape, o, d, t):
-    """Newton's method from a path t: u, v and the normal (not of unit length) where the ray meets the board."""
+    """Newton's method from a path t: u, v and the normal (not of unit length) at the intersection with the board."""
     height = np.empty(6)
     u, v, nx, ny = math.nan, math.nan, 0.0, 0.0
     for _ in range(_STEPS):
@@ -155,7 +164,7 @@ def height_hit(shape, o, d, t):
 
 @inline
 def cylinder_hit(radius, o, d, start):
-    """Crossing of a ray with a cylinder about the line x = 0, z = -radius; of two crossings the one nearer to a path.
+    """Intersection of a ray with a cylinder about the line x = 0, z = -radius; the one of two nearer to a path.
 
     u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
     """
@@ -181,11 +190,11 @@ def _in_patch(pose, origin, direction, i):
 def plane_light(artwork, chosen, origin, direction, light):
     """Radiance along rays that meet a flat patch first: of the artwork on its front, 0 on its back.
 
-    `chosen`, (n,) bool: the rays that may; one whose exact hit lies outside, or behind its start, keeps its light.
+    `chosen`, (n,) bool: the candidate rays; one whose exact hit lies outside, or behind its start, keeps its light.
     `origin`, `direction`, (n, 3) float64: vision frame.
     `light`, (n,) float64: written where the ray hits.
     """
-    # Plain numbers stay in registers; the arrays of a drawing would be handed on at every ray.
+    # Plain numbers stay in registers; the arrays of a drawing would be passed at every ray.
     drawing, colours, pose = artwork
     is_checks, columns, rows, square = only_checks(drawing)
     half_x, half_y, black, white = drawing.half_x, drawing.half_y, colours[0], colours[1]
@@ -204,7 +213,7 @@ def plane_light(artwork, chosen, origin, direction, light):
 
 @kernel
 def curved_light(artwork, surface, triangle, origin, direction, light):
-    """Radiance along rays that meet a curved patch first: the hit on its mesh is the start, the true surface decides.
+    """Radiance along rays that meet a curved patch first: the hit on its mesh is the start, the exact surface decides.
 
     `triangle`, (n,) int64: triangle of the patch that each ray meets first; negative: none.
     """
@@ -227,14 +236,16 @@ def curved_light(artwork, surface, triangle, origin, direction, light):
 
 @kernel
 def mesh_light(albedo, triangles, pose, triangle, origin, direction, light):
-    """Radiance along rays that meet a mesh first: `albedo`, (m, 3) float64, of the triangle's corners, interpolated;
-    backs are black.
+    """Radiance along rays that meet a mesh first; backs are black.
+
+    `albedo`, (m, 3) float64: radiance at the corners of the triangles, interpolated.
     """
     for i in range(triangle.size):
         if triangle[i] < 0:
             continue
         o, d = _in_patch(pose, origin, direction, i)
-        corners, shade = triangles[triangle[i]], albedo[triangle[i]]
+        corners = triangles[triangle[i]]
+        shade = albedo[triangle[i]]
         t, normal = path_to(corners, o, d)
         second, third = shares(corners, normal, along(o, t, d))
         value = shade[0] + second * (shade[1] - shade[0]) + third * (shade[2] - shade[0])
@@ -243,6 +254,6 @@ def mesh_light(albedo, triangles, pose, triangle, origin, direction, light):
 
 @kernel
 def heights_at_points(shape, u, v, result):
-    """`height_into` at many points (n,); `result` (n, 6) is written."""
+    """Write `height_into` at many points (n,) into `result` (n, 6)."""
     for i in range(u.size):
         height_into(shape, u[i], v[i], result[i])

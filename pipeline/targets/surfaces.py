@@ -1,7 +1,7 @@
 """Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs; and their patches,
 pieces each with its own chart, used for images and for the positions of marks.
 
-Target frame: origin at the centre of the pattern (of a cube: of the cube), x right, y up, z towards the viewer.
+Target frame: origin at the centre of the pattern (or of the cube), x right, y up, z towards the viewer.
 """
 
 import math
@@ -17,7 +17,8 @@ from pipeline.targets.patterns.pattern import Pattern, TargetError
 from pipeline.targets.surface_kernels import heights_at_points
 
 SAG_MM = 1e-4
-"""Largest distance of a mesh from a curved surface [mm], only seen at silhouettes: hits are refined to the surface."""
+"""Largest distance of a mesh from a curved surface [mm], visible only at silhouettes: hits are refined to the
+surface."""
 _MOST_CELLS = 600
 """Most cells of a mesh along an axis: a surface with more curvature gets a coarser mesh, which is reported."""
 
@@ -84,8 +85,10 @@ class Patch:
         return float(np.max(bent))
 
     def place(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points of the chart on the surface, patch frame: positions (n, 3) [mm]; axes (n, 3, 3), columns: x and y of
-        the chart on the surface made orthonormal, and the normal; largest curvature without sign, (n,) [1/mm].
+        """Place points of the chart on the surface, patch frame.
+
+        Returns positions (n, 3) [mm]; axes (n, 3, 3), columns: x and y of the chart on the surface made orthonormal,
+        and the normal; largest curvature without sign, (n,) [1/mm].
         """
         n = len(xy_mm)
         if self.kind == PLANE:
@@ -101,7 +104,8 @@ class Patch:
         return np.column_stack([xy_mm, height[:, 0]]), *_bent(height)
 
     def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
-        """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` of `place`.
+        """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` from
+        `place`.
 
         Patch frame. A cylinder is rolled without stretching; height maps keep x and y of the chart.
         """
@@ -161,7 +165,7 @@ class Flat:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Warped:
-    """A board bent like a bow: z = dx (1 - (x / half width)^2) + dy (1 - (y / half height)^2), of the whole sheet.
+    """A bowed board: z = dx (1 - (x / half width)^2) + dy (1 - (y / half height)^2), over the full sheet.
 
     The pattern keeps its x and y, as in mrcal. (A bent print keeps lengths along the surface instead; the total
     difference is 8/3 of the squared deflection over the width.)
@@ -180,7 +184,7 @@ class Warped:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightMap:
-    """A measured board: heights on a grid over the whole sheet, its edges included, joined by Catmull-Rom cubics.
+    """A measured board: heights on a grid over the full sheet, edges included, joined by Catmull-Rom cubics.
 
     The pattern keeps its x and y.
     """
@@ -227,7 +231,7 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cube:
-    """A cube with the pattern on every face; tag numbers go on from face to face. The origin is its centre.
+    """A cube with the pattern on every face; tag numbers continue from face to face. The origin is its centre.
 
     Faces: 0 front (+z), 1 right (+x), 2 top (+y), 3 left, 4 bottom, 5 back.
     """
@@ -269,7 +273,7 @@ class Cube:
 class Stairs:
     """Stairs: the pattern on the front of each step, white treads between the fronts.
 
-    The origin is the centre of the lowest front, step 0. Tags go on counting from step to step.
+    The origin is the centre of the lowest front, step 0. Tag numbers continue from step to step.
     """
 
     KIND: ClassVar[str] = "stairs"
@@ -279,7 +283,9 @@ class Stairs:
 
     def patches(self, pattern: Pattern) -> Pieces:
         """Fronts from the lowest, then treads from the lowest."""
-        half_x, half_y, back = pattern.drawing.half_x_mm, pattern.drawing.half_y_mm, self.depth_mm
+        half_x = pattern.drawing.half_x_mm
+        half_y = pattern.drawing.half_y_mm
+        back = self.depth_mm
         colours = pattern.black, pattern.white
         pieces: Pieces = []
         for number in range(self.steps):

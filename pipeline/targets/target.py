@@ -59,10 +59,12 @@ AnyTarget = Target | MeshTarget
 
 def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
     marks = pattern.marks()
-    n, turn = len(marks.xy_mm), patch.target_from_patch[:3, :3]
+    n = len(marks.xy_mm)
+    turn = patch.target_from_patch[:3, :3]
     points, axes, curvature = patch.place(marks.xy_mm)
     is_flat = patch.kind == PLANE
-    position, turned = apply(patch.target_from_patch, points), turn @ axes
+    position = apply(patch.target_from_patch, points)
+    turned = turn @ axes
     # The nominal shape of a cylinder is the cylinder; that of a board with a height map is flat.
     nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
     return TargetPoints(
@@ -78,7 +80,7 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
 
 
 def bare(target: AnyTarget) -> AnyTarget:
-    """The same shape, drawing and points with radiance 1 for white and 0 for black; a mesh is 1 everywhere."""
+    """The shape, drawing and points of a target with radiance 1 for white and 0 for black; a mesh is 1 everywhere."""
     if isinstance(target, MeshTarget):
         return dataclasses.replace(target, albedo=((1.0, 1.0, 1.0),) * len(target.triangles))
     return Target(dataclasses.replace(target.pattern, white=1.0, black=0.0), target.surface)

@@ -45,15 +45,15 @@ def times(factor, a):
 
 @inline
 def unit(a):
-    """The same direction with length 1; NaN for the zero vector."""
+    """The unit vector of a direction; NaN for the zero vector."""
     return times(1.0 / math.sqrt(dot(a, a)), a)
 
 
 @inline
 def across(normal):
-    """Two unit vectors that make a right-handed frame with a unit normal.
+    """Two unit vectors that complete a unit normal to a right-handed frame.
 
-    Source: Duff and others, "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
+    Source: Duff et al., "Building an Orthonormal Basis, Revisited", JCGT 6(1), 2017.
     """
     sign = math.copysign(1.0, normal[2])
     a = -1.0 / (sign + normal[2])

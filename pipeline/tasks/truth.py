@@ -38,7 +38,7 @@ from pipeline.truth.planes import faces_camera, plane_name
 from pipeline.truth.positions.column_sets import column_names, column_set
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import TruthSettings
-from pipeline.truth.visibility import seen
+from pipeline.truth.visibility import visible_rows
 
 ROWS, NOTES = "rows.csv", "notes.json"
 """Files that tiles write."""
@@ -147,7 +147,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
             notes.append(TargetNote(target=name, counts=None))
             continue
         sets = []
-        truth, share = seen(truth, visibility_then(rig, around, number, planes, truth.solutions))
+        truth, share = visible_rows(truth, visibility_then(rig, around, number, planes, truth.solutions))
         rows = columns_of(table, posed, rig, truth, share)
         if table.shutter is not None:
             rows |= time_columns(rig, truth.solutions, planes)

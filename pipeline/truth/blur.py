@@ -1,4 +1,4 @@
-"""Blur of a target point in the image, to first order, from the second moments of its bundle."""
+"""First-order blur of a target point in the image, from the second moments of its bundle."""
 
 import numpy as np
 
@@ -6,11 +6,11 @@ from pipeline.camera.tracing.moments import COVARIANCE
 from pipeline.records.shapes import Float64
 
 _SPREAD = COVARIANCE + np.array([[0, 1], [1, 4]])
-"""Columns of a bundle's moments that are the covariance of its hits on the first plane, from an upper triangle."""
+"""Columns of a bundle's moments with the covariance of its hits on the first plane, from an upper triangle."""
 
 
 def spread(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
-    """Covariance of the hits of bundles on their first plane, (n, 2, 2, ...) [mm^2]; of derivatives, its derivative."""
+    """Covariance of the hits of bundles on their first plane, (n, 2, 2, ...) [mm^2], or its derivative."""
     return moments[:, _SPREAD]
 
 
@@ -32,17 +32,21 @@ def deviations(
 
 
 def on_plane(
-    uu: Float64[np.ndarray, "n 2 2"], way: Float64[np.ndarray, "n 3"], vision_from_target: Float64[np.ndarray, "4 4"]
+    uu: Float64[np.ndarray, "n 2 2"],
+    direction: Float64[np.ndarray, "n 3"],
+    vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> np.ndarray:
     """Covariance of the hits in the target's x and y: u projected along the mean ray onto the plane, (n, 2, 2) [mm^2].
 
-    `way` is the direction of the mean ray, of any length.
+    `direction` is that of the mean ray, of any length.
     """
     axes, normal = vision_from_target[:3, :2], vision_from_target[:3, 2]
-    along = np.einsum("ni,i->n", way, normal)  # not by BLAS, as in `crossing_share`
+    along = np.einsum("ni,i->n", direction, normal)  # not by BLAS, as in `crossing_share`
     # Rows e_i of P = I - w n^T / (n . w), restricted to the x and y components of u.
-    project = axes.T[None, :, :2] - (way @ axes)[:, :, None] * normal[None, None, :2] / along[:, None, None]
-    project, uu = np.ascontiguousarray(project), np.ascontiguousarray(uu)  # a row alone is rounded as among others
+    project = axes.T[None, :, :2] - (direction @ axes)[:, :, None] * normal[None, None, :2] / along[:, None, None]
+    # Contiguous, so that a row is rounded alike alone and in an array.
+    project = np.ascontiguousarray(project)
+    uu = np.ascontiguousarray(uu)
     return project @ uu @ project.transpose(0, 2, 1)
 
 
@@ -53,7 +57,7 @@ def in_image(covariance: Float64[np.ndarray, "n 2 2"], target_from_image: Float6
 
 
 def radius_px(blur_px2: Float64[np.ndarray, "n 2 2"]) -> np.ndarray:
-    """Radius of the uniform disc with that trace, sqrt(2 (blur_xx + blur_yy)), (n,)."""
+    """Radius of the uniform disc with the trace of the blur, sqrt(2 (blur_xx + blur_yy)), (n,)."""
     return np.sqrt(2 * np.maximum(np.trace(blur_px2, axis1=1, axis2=2), 0))
 
 

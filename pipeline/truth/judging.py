@@ -1,12 +1,13 @@
 """The certificate of a table: a sample of its rows, solved again with the other rule of integration and more rays.
 
-Rows of position images and their moments come from random rays and are judged by quadrature. Rows by `direct` come
-from quadrature and are judged by random rays. Both rules share the trace, which is tested against published rays.
+Rows of position images and their moments come from random rays and are judged by quadrature. Rows by `direct` come from
+quadrature and are judged by random rays. Both rules share the trace, which is tested against published rays.
 
-The verdict is a test in two stages. First rays, more and more, tell which rows surely keep the claim. Those that may
-not are judged again by fresh rays alone, so the first stage may choose as it likes. What a difference is longer than a
-row may err, over its standard error, is then at most a Student's t of the judge's degrees of freedom, two-sided,
-whichever way errors point (Szekely and Bakirov, Prob. Theory Relat. Fields 126, 2003, 184).
+The verdict is a test in two stages. In the first, more and more rays identify the rows that surely keep the claim. In
+the second, doubtful rows are judged again by fresh rays alone, so that the choice of the first stage does not bias it.
+The excess of a difference over the claim, divided by its standard error, is then at most a Student's t of the judge's
+degrees of freedom, two-sided, whichever way errors point (Szekely and Bakirov, Prob. Theory Relat. Fields 126, 2003,
+184).
 """
 
 import itertools
@@ -27,26 +28,24 @@ from pipeline.truth.planes import Exposed
 from pipeline.truth.settings import CLAIM_PX, JUDGES_RAYS, ROWS, SHARPER
 
 FALSE_ALARM = 2e-5
-"""Highest probability that a certificate refutes rows which all keep their claim [1]: of a dataset of fifty cameras
-once in a thousand times. Half of it is spent on single rows, half on their number.
-"""
+"""Highest probability that a certificate refutes rows that all keep their claim [1]: for a dataset of fifty cameras
+once in a thousand times. Half of it is spent on single rows, half on their number."""
 _CHANCE = 0.01
-"""Probability below which a difference is not taken for chance in one row [1], but may be in one of many."""
+"""Probability below which a difference in one row is not chance [1], though it may be in one of many."""
 _SUSPECT = 0.2
-"""The same, below which a row does not count as right, and is judged again: so errors of twice the claim are [1]."""
+"""Probability below which a row does not count as right and is judged again, as for errors of twice the claim [1]."""
 _TURNS = 3
-"""Most steps of Newton's method with the same number of rays: the first leaves little, and more rays follow."""
+"""Most Newton steps with one number of rays: the first leaves little, and more rays follow."""
 _ROUGH_PX = 0.01
-"""Length of a step after which no further one with so many rays is needed [px]: the remaining error is far smaller."""
+"""Step length below which no further step with these rays is needed [px]: the remaining error is far smaller."""
 _BATCHES = 6
 """Batches of fresh rays of a row that is judged again: 18 degrees of freedom and less than half of the standard error
-prove an error of twice the claim in one of 135 rows.
-"""
+prove an error of twice the claim in one of 135 rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of a table that are to be judged."""
+    """Rows of a table to be judged."""
 
     planes: Exposed  # tangent planes at their target points
     cell: Int64[np.ndarray, "n"]  # index of their microlens; 0 for a conventional camera
@@ -72,19 +71,21 @@ class Rows:
         return Rows(planes, *(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
 
     def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
-        """A sample of these rows with so many rows, which represents all of them."""
+        """A random sample of these rows, which represents all of them."""
         chosen = sample(self.is_direct, seed, rows)
-        of, drawn = np.bincount(self.is_direct, minlength=2), np.bincount(self.is_direct[chosen], minlength=2)
+        total = np.bincount(self.is_direct, minlength=2)
+        drawn = np.bincount(self.is_direct[chosen], minlength=2)
         kind = self.is_direct[chosen].astype(int)
-        return replace(self.only(chosen), stands_for=of[kind] / drawn[kind])
+        return replace(self.only(chosen), stands_for=total[kind] / drawn[kind])
 
 
 def sample(is_direct: Bool[np.ndarray, "n"], seed: int, rows: int = ROWS) -> np.ndarray:
-    """Indices of up to so many rows, drawn without repetition, ascending; half of either kind if possible."""
+    """Indices of at most `rows` rows, drawn without repetition, ascending; half of either kind if possible."""
     order = np.random.default_rng(seed).permutation(len(is_direct))
-    others, direct = order[~is_direct[order]], order[is_direct[order]]
-    others = others[: max(rows // 2, rows - len(direct))]
-    return np.sort(np.concatenate([others, direct[: rows - len(others)]]))
+    searched = order[~is_direct[order]]
+    direct = order[is_direct[order]]
+    searched = searched[: max(rows // 2, rows - len(direct))]
+    return np.sort(np.concatenate([searched, direct[: rows - len(searched)]]))
 
 
 _ROUNDING_PX = 1e-12
@@ -92,8 +93,9 @@ _ROUNDING_PX = 1e-12
 
 
 class Differences(NamedTuple):
-    """Shifts of rows by the other rule and their standard errors, (n, 2) each [px], NaN without light; and the degrees
-    of freedom of these, (n,).
+    """Shifts of rows by the other rule and their standard errors, (n, 2) each [px], and degrees of freedom, (n,).
+
+    NaN without light.
     """
 
     apart_px: np.ndarray
@@ -106,15 +108,15 @@ class Differences(NamedTuple):
 
     @property
     def error_px(self) -> np.ndarray:
-        """Standard errors of the lengths, or more, (n,)."""
+        """Upper bounds of the standard errors of the lengths, (n,)."""
         return np.hypot(*self.sigma_px.T)
 
     def chance(self, claim_px: float | np.ndarray) -> np.ndarray:
         """Highest probability of such a difference if a row errs by its claim, (n,); above 1 within it."""
         return 2 * stdtr(self.freedom, (claim_px - self.length_px) / np.maximum(self.error_px, _ROUNDING_PX))
 
-    def known(self, claim_px: float) -> np.ndarray:
-        """Whether twice the claim would be beyond chance, (n,) bool."""
+    def is_decisive(self, claim_px: float) -> np.ndarray:
+        """Whether an error of twice the claim would be detected, (n,) bool."""
         return self.length_px + stdtrit(self.freedom, 1 - _CHANCE / 2) * self.error_px <= 2 * claim_px
 
 
@@ -123,17 +125,17 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> Differences:
     n = len(rows.cell)
     found = Differences(np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.ones(n))
     for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
-        here = np.flatnonzero(rows.is_direct == kind)
-        if len(here):
-            for into, part in zip(found, judge(rig, rows.only(here), claim_px), strict=True):
-                into[here] = part
+        of_kind = np.flatnonzero(rows.is_direct == kind)
+        if len(of_kind):
+            for into, part in zip(found, judge(rig, rows.only(of_kind), claim_px), strict=True):
+                into[of_kind] = part
     return found
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
     microlens = rig.microlens(rows.cell)
-    search = Search(rig.tracer, microlens, lambda some, _: rows.planes.only(some), rows.x_px, rows.x_px, rig.square_px)
-    search.look()
+    search = Search(rig.tracer, microlens, lambda kept, _: rows.planes.only(kept), rows.x_px, rows.x_px, rig.square_px)
+    search.linearise()
     return search, np.flatnonzero(np.isfinite(search.inverse).all(axis=(1, 2)))
 
 
@@ -146,7 +148,7 @@ def _by_quadrature(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 
 
 _CERTAIN = 1e9
-"""Degrees of freedom of an error that is no estimate by chance: the difference of two levels of quadrature."""
+"""Degrees of freedom of an error that is no random estimate: the difference of two levels of quadrature."""
 
 
 def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> Differences:
@@ -157,7 +159,7 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 
 
 class _RandomRays:
-    """Rows that move to the positions where J is right according to random rays; NaN without light."""
+    """Rows that move to where J is right according to random rays; NaN without light."""
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
         self.rig, self.rows = rig, rows
@@ -183,40 +185,42 @@ class _RandomRays:
                 self.apart_px[doubtful] += step
                 if not (np.abs(step) > _ROUGH_PX).any():
                     break
-            length, sigma = np.hypot(*self.apart_px[doubtful].T), np.hypot(*self.sigma_px[doubtful].T)
+            length = np.hypot(*self.apart_px[doubtful].T)
+            sigma = np.hypot(*self.sigma_px[doubtful].T)
             doubtful = doubtful[(length + SHARPER * sigma > claim_px) & (sigma > claim_px / SHARPER / 2)]
             if not len(doubtful):
                 break
 
     def ask_again(self, claim_px: float) -> None:
-        """Judge rows that may not keep their claim by fresh rays alone, and those that these can make known."""
+        """Judge rows that may not keep their claim by fresh rays alone, and those that more rays can decide."""
         freedom = _BATCHES * (REPLICAS - 1.0)
         sharper = Differences(
             0 * self.apart_px, self.sigma_px / math.sqrt(_BATCHES), np.full_like(self.freedom, freedom)
         )
-        is_open = ~self.found.known(claim_px) & sharper.known(claim_px)
+        is_open = ~self.found.is_decisive(claim_px) & sharper.is_decisive(claim_px)
         is_open |= self.found.chance(claim_px) < _SUSPECT
         self._coarser_mm[:] = np.nan
         for rays in np.unique(self.rays[is_open]).tolist():
-            here = np.flatnonzero(is_open & (self.rays == rays))
-            step, error = np.stack([self._step(here, rays, stream) for stream in range(1, _BATCHES + 1)], axis=1)
-            self.apart_px[here] += step.mean(axis=0)
-            self.sigma_px[here] = np.sqrt(np.sum(error**2, axis=0)) / _BATCHES
-            self.freedom[here] = freedom
+            open_rows = np.flatnonzero(is_open & (self.rays == rays))
+            step, error = np.stack([self._step(open_rows, rays, stream) for stream in range(1, _BATCHES + 1)], axis=1)
+            self.apart_px[open_rows] += step.mean(axis=0)
+            self.sigma_px[open_rows] = np.sqrt(np.sum(error**2, axis=0)) / _BATCHES
+            self.freedom[open_rows] = freedom
 
-    def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """The remaining step from the present positions, and its standard error."""
-        # Random numbers are those of the row's pixel, even if it moves: at a border others would make J jump.
-        x, microlens = self.rows.x_px[here] + self.apart_px[here], self.rig.microlens(self.rows.cell[here])
+    def _step(self, rows: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """The remaining Newton step from the current positions, and its standard error."""
+        # Random numbers stay those of the row's pixel, even if it moves: at a border a change would make J jump.
+        x = self.rows.x_px[rows] + self.apart_px[rows]
+        microlens = self.rig.microlens(self.rows.cell[rows])
 
         def integrate(planes: np.ndarray) -> Integral:
-            bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[here])
+            bundles = Bundles(x, microlens, planes, self.rig.square_px, self.rows.x_px[rows])
             return random_integrals(self.rig.tracer, bundles, rays, stream)
 
-        integral = over_exposure(self.rows.planes.only(here), integrate)
-        self._error_mm[here] = integral.error_mm
-        sigma = errors_px(self.inverse[here], pooled(integral, self._coarser_mm[here]))
-        return -np.einsum("nij,nj->ni", self.inverse[here], mean_hit(integral.moments)), sigma
+        integral = over_exposure(self.rows.planes.only(rows), integrate)
+        self._error_mm[rows] = integral.error_mm
+        sigma = errors_px(self.inverse[rows], pooled(integral, self._coarser_mm[rows]))
+        return -np.einsum("nij,nj->ni", self.inverse[rows], mean_hit(integral.moments)), sigma
 
 
 def rms(values: Float64[np.ndarray, "n"]) -> float:
@@ -225,29 +229,29 @@ def rms(values: Float64[np.ndarray, "n"]) -> float:
 
 
 WITHIN = 0.95
-"""Share of the rows of a table that must be known to lie within the claim [1]. Of position images, whose own rays are
-random, so many must lie there: two standard deviations of normal errors.
-"""
+"""Least share of the rows of a table that must be shown to lie within the claim [1]. For position images, whose own
+rays are random, the share corresponds to two standard deviations of normal errors."""
 WORST = 5.0
 """Claims by which a row of a position image may differ [1]: with `WITHIN` alone one row in twenty could be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
-"""Reason for a missing verdict if no point is seen."""
+"""Reason for a missing verdict if no point is visible."""
 KINDS = ("position images", "direct")
 """Kinds of rows; the kind of a row decides the rule that judges it."""
 
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
 """Distances from the border of a cell or of the image at which bins begin [px]: the search reads values up to two
-pixels around a row, so rows nearer to a border have fewer of them.
-"""
+pixels around a row, so rows nearer to a border have fewer of them."""
 
 
 def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
-    """Solve rows again and state the differences, as plain data for the manifest.
+    """Solve rows again and report the differences, as plain data for the manifest.
 
     `of` is the number of rows from which the sample was drawn; without a claim there is no verdict.
     """
     found = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
-    length, own, away_px = found.length_px, found.error_px, edge_distance_px(rig, rows)
+    length = found.length_px
+    judge_error = found.error_px
+    away_px = edge_distance_px(rig, rows)
     within, beyond = judged(found, rows, math.inf if claim_px is None else claim_px)
     document = {
         "claim_px": claim_px,
@@ -256,28 +260,28 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
         "by_quadrature": int(np.sum(~rows.is_direct)),
         "by_random_rays": int(np.sum(rows.is_direct)),
         **_figures(length),
-        "own_sigma_px": _plain(rms(own)) if len(own) else None,
+        "own_sigma_px": _plain(rms(judge_error)) if len(judge_error) else None,
         "differences_px": [_plain(difference) for difference in np.sort(length).tolist()],
         "by_kind": [
             {
                 "kind": kind,
-                "rows": int(here.sum()),
-                "of": round(rows.weights[here].sum()),
-                "within_claim": None if claim_px is None else int(np.sum(within[here])),
-                "beyond_claim": None if claim_px is None else int(np.sum(beyond[here])),
-                **_figures(length[here]),
+                "rows": int(selected.sum()),
+                "of": round(rows.weights[selected].sum()),
+                "within_claim": None if claim_px is None else int(np.sum(within[selected])),
+                "beyond_claim": None if claim_px is None else int(np.sum(beyond[selected])),
+                **_figures(length[selected]),
             }
-            for kind, here in zip(KINDS, (~rows.is_direct, rows.is_direct), strict=True)
+            for kind, selected in zip(KINDS, (~rows.is_direct, rows.is_direct), strict=True)
         ],
         "by_distance_from_cell_edge": [
             {
                 "from_px": low,
                 "to_px": high if math.isfinite(high) else None,
-                "rows": int(here.sum()),
-                **_figures(length[here]),
+                "rows": int(selected.sum()),
+                **_figures(length[selected]),
             }
             for low, high in itertools.pairwise((*_BINS_PX, math.inf))
-            for here in [(away_px >= low) & (away_px < high)]
+            for selected in [(away_px >= low) & (away_px < high)]
         ],
     }
     if not of:
@@ -289,14 +293,15 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
 
 
 def judged(found: Differences, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows known to lie within their claim, and rows known to lie beyond, (n,) bool each; others are undecided."""
-    within = (found.chance(claim_px) > _SUSPECT) & found.known(claim_px)
+    """Rows shown to lie within their claim, and rows shown to lie beyond, (n,) bool each; the rest is undecided."""
+    within = (found.chance(claim_px) > _SUSPECT) & found.is_decisive(claim_px)
     return within, found.chance(np.where(rows.is_direct, 1, WORST) * claim_px) * len(within) < FALSE_ALARM / 2
 
 
 def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | None, str | None]:
     """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided."""
-    length, n = found.length_px, len(rows.cell)
+    length = found.length_px
+    n = len(rows.cell)
     if not n:
         return None, NOTHING
     if not np.isfinite(length).all():
@@ -320,7 +325,8 @@ def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | Non
 
 def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
     """Distance of rows from the edge of their cell or the border of the image, whichever is nearer, (n,) [px]."""
-    sensor, pitch = rig.tracer.camera.sensor, rig.tracer.camera.sensor.pitch_mm
+    sensor = rig.tracer.camera.sensor
+    pitch = rig.tracer.camera.sensor.pitch_mm
     border = np.array([sensor.width_px, sensor.height_px]) / 2 - np.abs(
         rows.x_px - (np.array([sensor.width_px, sensor.height_px]) - 1) / 2
     )
@@ -344,5 +350,5 @@ def _figures(length: np.ndarray) -> dict[str, float | None]:
 
 
 def _plain(value: float) -> float | None:
-    """A value rounded to a few digits more than anybody reads; None if it is unknown."""
+    """A value rounded to a few digits more than anybody reads; None for NaN."""
     return float(f"{value:.4g}") if math.isfinite(value) else None

@@ -9,37 +9,38 @@ from pipeline.motion import Motion, Shutter
 from pipeline.records.shapes import Float64, Int64
 
 _GAUSS = 0.5 / 3**0.5
-"""Distance of Gauss's two nodes from the middle of an interval, over its length [1]."""
+"""Distance of the two Gauss nodes from the middle of an interval, over its length [1]."""
 _INSTANT = Shutter()
-"""The shutter of a frame that is the instant of its time code."""
+"""The shutter of a frame that is exposed at the instant of its time code."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlanePair:
-    """Two planes of each bundle: at the nodes of Gauss's rule in a stretch of its exposure."""
+    """Two planes of each bundle, at the two nodes of a Gauss rule in a stretch of its exposure."""
 
     near: Float64[np.ndarray, "n 4 3"]
     far: Float64[np.ndarray, "n 4 3"]
 
     @staticmethod
     def twice(planes: Float64[np.ndarray, "n 4 3"]) -> "PlanePair":
-        """The same planes at both."""
+        """A pair of equal planes."""
         return PlanePair(planes, planes)
 
     @property
     def both(self) -> np.ndarray:
-        """As kernels read them, (n, 2, 4, 3)."""
+        """The planes in the layout of kernels, (n, 2, 4, 3)."""
         return np.stack([self.near, self.far], axis=1)
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "PlanePair":
-        """Those of some rows."""
+        """The pairs of some rows."""
         return PlanePair(self.near[rows], self.far[rows])
 
 
 @dataclass(frozen=True, slots=True)
 class Exposed:
-    """Planes over an exposure: the mean is the weighted mean over its stretches, in each of which a motion is smooth. A
-    still has one, of weight 1.
+    """Planes over an exposure: a weighted mean over stretches, within each of which a motion is smooth.
+
+    A still target has one stretch, of weight 1.
     """
 
     stretches: tuple[PlanePair, ...]
@@ -56,15 +57,16 @@ class Exposed:
         return self.stretches[0]
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Exposed":
-        """Those of some rows."""
+        """The planes of some rows."""
         return Exposed(tuple(pair.only(rows) for pair in self.stretches), self.weights[rows])
 
     @staticmethod
     def joined(parts: Sequence["Exposed"]) -> "Exposed":
-        """Those of all parts; stretches that some rows lack have no weight."""
+        """The planes of all parts; stretches that some rows lack have weight 0."""
         most = max((len(part.stretches) for part in parts), default=1)
         padded = [(*part.stretches, *[part.stretches[-1]] * (most - len(part.stretches))) for part in parts]
-        none, weights = np.zeros((0, 4, 3)), [np.zeros((0, most))]
+        none = np.zeros((0, 4, 3))
+        weights = [np.zeros((0, most))]
         weights += [np.pad(part.weights, ((0, 0), (0, most - part.weights.shape[1]))) for part in parts]
         stretches = tuple(
             PlanePair(*(np.concatenate([none, *(getattr(each[s], end) for each in padded)]) for end in ("near", "far")))
@@ -75,8 +77,9 @@ class Exposed:
 
 @dataclass(frozen=True, slots=True)
 class Planes:
-    """Tangent planes (p, 4, 3) of points as they are while image positions are exposed: in the vision frame or, if they
-    have a motion vision_from_target, in that of their target.
+    """Tangent planes (p, 4, 3) of points during the exposure of image positions.
+
+    In the vision frame or, if there is a motion vision_from_target, in the target frame.
     """
 
     of_points: Float64[np.ndarray, "p 4 3"]
@@ -86,7 +89,7 @@ class Planes:
 
     @property
     def moves(self) -> bool:
-        """Whether they move before the camera."""
+        """Whether they move relative to the camera."""
         return self.motion is not None
 
     def middle_s(self, x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
@@ -103,24 +106,25 @@ class Planes:
         return planes
 
     def middle(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-        """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN where a position of what
-        moves is.
-        """
+        """Planes (n, 4, 3) of points in the middle of the exposure at image positions; NaN for moving ones at NaN."""
         return self.at(point, self.middle_s(x_px))
 
     def exposed(self, point: Int64[np.ndarray, "n"], x_px: Float64[np.ndarray, "n 2"]) -> Exposed:
-        """Planes of points over the exposure at image positions, with stretches between the times at which their motion
-        bends; NaN where a position of what moves is.
+        """Planes of points over the exposure at image positions, in stretches between the kinks of their motion.
+
+        NaN for moving planes at NaN positions.
         """
         if self.motion is None:
             return Exposed.still(self.of_points[point])
-        middle, exposure_s = self.middle_s(x_px), self.shutter.exposure_s
+        middle = self.middle_s(x_px)
+        exposure_s = self.shutter.exposure_s
         first, end = middle - exposure_s / 2, middle + exposure_s / 2
         bends = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
         ends = np.sort(np.clip(bends, first[:, None], end[:, None]), axis=1)
         edges = np.concatenate([first[:, None], ends, end[:, None]], axis=1)
         length = np.diff(edges, axis=1)
-        middles, half = (edges[:, 1:] + edges[:, :-1]) / 2, _GAUSS * length
+        middles = (edges[:, 1:] + edges[:, :-1]) / 2
+        half = _GAUSS * length
         pairs = (
             PlanePair(*(self.at(point, s) for s in each))
             for each in zip((middles - half).T, (middles + half).T, strict=True)
@@ -133,11 +137,11 @@ def tangent_planes(
     points_mm: Float64[np.ndarray, "p 3"],
     axes: Float64[np.ndarray, "p 3 3"] | None = None,
 ) -> np.ndarray:
-    """Tangent planes for the kernels, (p, 4, 3), at points of a target; by default those of a flat one."""
+    """Tangent planes for the kernels, (p, 4, 3), at points of a target; without `axes` those of a flat target."""
     planes = np.empty((len(points_mm), 4, 3))
     planes[:, 0] = points_mm @ vision_from_target[:3, :3].T + vision_from_target[:3, 3]
-    turn = vision_from_target[:3, :3]
-    planes[:, 1:] = turn.T if axes is None else (turn @ axes).transpose(0, 2, 1)
+    rotation = vision_from_target[:3, :3]
+    planes[:, 1:] = rotation.T if axes is None else (rotation @ axes).transpose(0, 2, 1)
     return planes
 
 
@@ -147,7 +151,7 @@ def faces_camera(planes: Float64[np.ndarray, "n 4 3"]) -> np.ndarray:
 
 
 def axes_across(normals: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-    """Axes of planes by rows, (n, 3, 3): first, second, and the direction of the normals, which are of any length."""
+    """Axes of planes by rows, (n, 3, 3): first, second, and the unit normal; `normals` may have any length."""
     normal = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     second = np.cross(normal, np.where(np.abs(normal[:, :1]) < 0.5, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]))
     second /= np.linalg.norm(second, axis=1, keepdims=True)
@@ -155,5 +159,5 @@ def axes_across(normals: Float64[np.ndarray, "n 3"]) -> np.ndarray:
 
 
 def plane_name(target: str, number: int, planes: int) -> str:
-    """Name of the position image of a tangent plane: that of the target, with a number if it has several."""
+    """Name of the position image of a tangent plane: that of the target, with a number if there are several."""
     return target if planes == 1 else f"{target}.{number}"

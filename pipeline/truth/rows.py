@@ -1,4 +1,4 @@
-"""Rows of correspondences, and the rule that decides which exist: the same for every method."""
+"""Rows of correspondences, and the rule that decides which exist, shared by all methods."""
 
 import dataclasses
 from collections.abc import Callable
@@ -46,8 +46,8 @@ class Correspondences:
     blur_px2: Float64[np.ndarray, "n 2 2"]  # NaN if the second moments are unknown
     rho_px: Float64[np.ndarray, "n"]
     counts: dict[str, int]  # numbers of solutions found, rejected and dropped, by reason
-    method: Shaped[np.ndarray, "n"]  # that by which each row was found
-    # Points and cells of candidates that may have rows, which no search found
+    method: Shaped[np.ndarray, "n"]  # name of the method that found each row
+    # Points and cells of candidates that may have rows that no search found
     unsolved: Int64[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":
@@ -66,12 +66,12 @@ class Correspondences:
         return dataclasses.replace(self, solutions=self.solutions.joined(other.solutions), unsolved=unsolved, **columns)
 
     def recounted(self, **counts: int) -> "Correspondences":
-        """The same rows with further counts, behind which that of the rows comes anew."""
+        """The rows with additional counts; that of the rows moves to the end."""
         before = {name: count for name, count in self.counts.items() if name != "rows"}
         return dataclasses.replace(self, counts={**before, **counts})
 
     def sorted_by(self, axial: Int64[np.ndarray, "m 2"]) -> "Correspondences":
-        """The same rows in the order of the table; `axial` holds k and l of all cells."""
+        """The rows in the order of the table; `axial` holds k and l of all cells."""
         return self.only(np.lexsort((*axial[self.solutions.cell].T, self.solutions.point)))
 
 
@@ -79,7 +79,7 @@ _PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
 
 
 class Whereabouts(Protocol):
-    """An image and its cells: either a camera made ready (`camera.rig.Rig`) or its position images."""
+    """An image and its cells: a `camera.rig.Rig` or position images."""
 
     @property
     def axial(self) -> np.ndarray:
@@ -92,17 +92,18 @@ class Whereabouts(Protocol):
         """Whether positions lie in their own cell."""
 
 
-def which_exist(
+def existing_indices(
     image: Whereabouts,
     x_px: Float64[np.ndarray, "n 2"],
     cell: Int64[np.ndarray, "n"],
     is_lit: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, dict[str, int]]:
-    """Indices of the rows inside the image and their own cell that have enough light; counts of the others by reason.
+    """Indices of the rows inside the image and their own cell with enough light; counts of the rest by reason.
 
-    `is_lit` tells whether rows, given by index, have enough light; it is asked only about rows inside image and cell.
+    `is_lit` tells whether rows, given by index, have enough light; only rows inside image and cell are passed to it.
     """
-    counts, rows = {}, np.arange(len(cell))
+    counts = {}
+    rows = np.arange(len(cell))
     tests: dict[str, Callable[[np.ndarray], np.ndarray]] = {
         "dropped_outside_image": lambda rows: image.in_image(x_px[rows]),
         "dropped_outside_cell": lambda rows: image.in_cell(x_px[rows], cell[rows]),
@@ -110,14 +111,15 @@ def which_exist(
     }
     for name, test in tests.items():
         kept = test(rows)
-        counts[name], rows = int(np.sum(~kept)), rows[kept]
+        counts[name] = int(np.sum(~kept))
+        rows = rows[kept]
     return rows, counts
 
 
 def existing(rows: Correspondences, image: Whereabouts, min_hit_fraction: float) -> Correspondences:
-    """The rows that exist, sorted by point, l, k; the others are counted by reason."""
+    """The rows that exist, sorted by point, l, k; the rest is counted by reason."""
     solutions = rows.solutions
     is_lit = rows.hit_fraction >= min_hit_fraction
-    kept, dropped = which_exist(image, solutions.xy_px, solutions.cell, lambda some: is_lit[some])
+    kept, dropped = existing_indices(image, solutions.xy_px, solutions.cell, lambda kept: is_lit[kept])
     counts = {**rows.counts, **dropped, "rows": len(kept)}
     return dataclasses.replace(rows.only(kept), counts=counts).sorted_by(image.axial)

@@ -5,32 +5,28 @@ from typing import Annotated
 
 COLUMN_SETS = ("chief", "saddle", "centroid")
 CLAIM_PX = 1e-3
-"""Claim where a stage states none [px]: `direct` keeps it, which the certificate of every build tests."""
+"""Default claim [px]: `direct` keeps it, which the certificate of every build tests."""
 ROWS = 135
-"""Most rows that are solved again for each camera, so that the cost does not grow with the dataset: of a large one in
-which a twentieth of the rows is wrong, a sample without any of them is drawn once in a thousand times.
-"""
+"""Most rows solved again per camera, so that the cost does not grow with the dataset: if a twentieth of the rows of a
+large dataset is wrong, a sample without any of them is drawn once in a thousand times."""
 _FEWEST, _ONE_IN = 45, 8
-"""Rows that a build solves again: at least so many, else one in so many. More would cost more than the build itself;
+"""Rows that a build solves again: a least number, else one in so many. More would cost more than the build itself;
 these miss an error of a twentieth of the rows once in ten times."""
 SHARPER = 3.0
-"""Standard errors with which a row must keep its claim to get no more rays [1]."""
+"""Standard errors by which a row must keep its claim to get no more rays [1]."""
 JUDGES_RAYS = tuple(1 << power for power in range(14, 23, 2))
-"""Numbers of rays of a row, level by level. More rays are used only while the row is not known, by `SHARPER`
-standard errors, to keep the claim, and its own standard error is above half of the accepted one.
-"""
+"""Numbers of rays of a row, level by level. A row gets more rays only while it does not keep the claim by `SHARPER`
+standard errors, and its own standard error exceeds half of the accepted one."""
 LEVELS = LOOK_RAYS, RAYS, _, MOST_RAYS = 1 << 10, 1 << 14, 1 << 17, 1 << 20
-"""Number of random rays, over all replicas, of a row that something may hide, of a row that turns out to be partly
-hidden, and of one whose bundle is the smallest part of where its rays are aimed. Most rows are visible or hidden as a
-whole.
-"""
+"""Numbers of random rays, over all replicas: of a row that may be hidden, of a row found to be partly hidden, and of
+one whose bundle is a tiny part of its sampling region. Most rows are entirely visible or hidden."""
 LEAVING = 256
-"""Rays that leave a camera and suffice to call a row hidden as a whole [1]: of 3 % of its light seven come."""
+"""Rays that leave a camera and suffice to call a row entirely hidden [1]: of 3 % of its light seven arrive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TruthSettings:
-    """The authored `plen:truth:*` values of a camera that decide its rows; the schema says what each means."""
+    """The authored `plen:truth:*` values of a camera that decide its rows; the schema is their manual."""
 
     method: Annotated[str, "plen:truth:method"] = "direct"
     search: Annotated[str, "plen:truth:search"] = "quad"
@@ -55,17 +51,17 @@ class TruthSettings:
 
     @property
     def aim_px(self) -> float:
-        """The accuracy that is aimed at [px]: the claim, or that of other methods where nothing is claimed."""
+        """The accuracy that searches aim at [px]: the claim, or the default one where nothing is claimed."""
         return self.claim_px or CLAIM_PX
 
     @property
     def searches(self) -> bool:
-        """Whether points are searched in position images, so that these must be traced."""
+        """Whether points are searched in position images, which must then be traced."""
         return self.method != "direct"
 
     @property
-    def that_count(self) -> "TruthSettings":
-        """The settings without those of a search where there is none: they would not change a row."""
+    def effective(self) -> "TruthSettings":
+        """The settings without those of a search for a method that has none: they would not change a row."""
         if self.searches:
             return self
         rest = TruthSettings(method=self.method)
@@ -73,5 +69,5 @@ class TruthSettings:
 
 
 def rows_of_build(of: int) -> int:
-    """Number of rows that the certificate of a build solves again if the tables have `of` rows."""
+    """Number of rows that the certificate of a build solves again, of `of` rows in its tables."""
     return min(ROWS, max(_FEWEST, of // _ONE_IN))

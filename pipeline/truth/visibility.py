@@ -1,5 +1,4 @@
-"""Visibility: the share of a bundle's weight that reaches the surface at its target point, past everything in front
-of it.
+"""Visibility: the share of a bundle's weight that reaches the surface at its target point unobstructed.
 
 J ignores obstacles: it uses all rays that leave the camera. Rows whose share is 0 do not exist.
 """
@@ -32,7 +31,7 @@ _RAYS_PER_CHUNK = 1 << 19
 
 
 class PointBundles(NamedTuple):
-    """Bundles that look at target points: microlenses or NO_MICROLENS, positions, and tangent planes there."""
+    """Bundles towards target points: microlenses or NO_MICROLENS, positions, and tangent planes there."""
 
     microlens: np.ndarray
     x_px: np.ndarray
@@ -42,15 +41,15 @@ class PointBundles(NamedTuple):
         return PointBundles(*(part[rows] for part in self))
 
 
-def seen(rows: Correspondences, share: Float64[np.ndarray, "n"]) -> tuple[Correspondences, np.ndarray]:
-    """The rows that are not hidden by their visibility, with counts of the hidden ones, and their visibility, (m,)."""
+def visible_rows(rows: Correspondences, share: Float64[np.ndarray, "n"]) -> tuple[Correspondences, np.ndarray]:
+    """The rows that are not hidden, with counts of the hidden ones, and their visibility, (m,)."""
     kept = share != 0  # NaN (unknown) does not mean hidden
-    seen_rows = rows.only(kept).recounted(
+    visible = rows.only(kept).recounted(
         dropped_hidden=int(np.sum(~kept)),
         partly_hidden=int(np.sum((share > 0) & (share < 1))),
         rows=int(np.sum(kept)),
     )
-    return seen_rows, share[kept]
+    return visible, share[kept]
 
 
 def visibility(
@@ -63,16 +62,18 @@ def visibility(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Visible share of the bundles at image positions, and its standard error, (n,) each.
 
-    No ray is traced if nothing stands before the tangent plane: the share is 1. `target` is the index of the target to
-    which the points belong; `planes` are the tangent planes of each row's point.
+    If nothing lies in front of the tangent plane the share is 1, and no ray is traced. `target` is the index of the
+    target to which the points belong; `planes` are the tangent planes of each row's point.
     """
-    share, error, bundles = np.ones(len(x_px)), np.zeros(len(x_px)), PointBundles(microlens, x_px, planes)
+    share = np.ones(len(x_px))
+    error = np.zeros(len(x_px))
+    bundles = PointBundles(microlens, x_px, planes)
     rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))
     count = np.zeros(len(x_px), np.int64)
     for rays in LEVELS:
         each = max(1, _RAYS_PER_CHUNK // rays)
-        for some in (rows[first : first + each] for first in range(0, len(rows), each)):
-            share[some], error[some], count[some] = shares(rig, surroundings, target, bundles.only(some), rays)
+        for batch in (rows[first : first + each] for first in range(0, len(rows), each)):
+            share[batch], error[batch], count[batch] = shares(rig, surroundings, target, bundles.only(batch), rays)
         rows = rows[(count[rows] < LEAVING) | (rays < RAYS) & (share[rows] > 0) & (share[rows] < 1)]
     return share, error
 
@@ -80,8 +81,9 @@ def visibility(
 def shares(
     rig: Rig, surroundings: Surroundings, target: int, bundles: PointBundles, rays: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`visibility` by so many rays each, and how many of them leave; NaN where none does. Fewer rays are the first ones
-    of more.
+    """`visibility` from `rays` rays each, and the number of rays that leave; NaN where none does.
+
+    Fewer rays are the first ones of more.
     """
     leaving, arriving = np.zeros((2, len(bundles.x_px), REPLICAS))
     count = np.zeros(len(bundles.x_px), np.int64)
@@ -100,10 +102,12 @@ def shares(
 
 
 def _sent(tracer: Tracer, square_px: float, bundles: PointBundles, rays: int) -> Leaving:
-    """Random rays of bundles; the places of the microlenses are the replicas."""
-    strata, bits = np.repeat(bundles.microlens[:, None], REPLICAS, axis=1), sobol_bits(rays // REPLICAS)
+    """Random rays of bundles; the strata are replicas instead of microlenses."""
+    strata = np.repeat(bundles.microlens[:, None], REPLICAS, axis=1)
+    bits = sobol_bits(rays // REPLICAS)
     samples = Samples(bits, tracer.seed ^ _STREAM, square_px * tracer.camera.sensor.pitch_mm)
-    x_px, counts = bundles.x_px, np.full_like(strata, rays // REPLICAS)
+    x_px = bundles.x_px
+    counts = np.full_like(strata, rays // REPLICAS)
     squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts, 0 * counts)
     room = room_for(len(x_px) * rays)
     count = bundle_kernels.image_rays(tracer.arrays, samples, squares, no_diffraction(), room)

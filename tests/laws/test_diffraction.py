@@ -39,7 +39,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.camera.wave import wavefront as wavefronts
-from pipeline.camera.wave.spread import intensity, strehl_ratio, transfer, whole_image
+from pipeline.camera.wave.spread import full_image, intensity, strehl_ratio, transfer
 from pipeline.camera.wave.wavefront import View, Wavefront, sent, wavefront
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Prescription, Surface
@@ -112,7 +112,7 @@ def test_a_circle_has_the_transfer_function_of_two_shifted_circles(along: tuple[
 def test_no_light_is_lost() -> None:
     """The integral over the sensor is 1 for a lens with aberrations, too (Parseval)."""
     tracer = Tracer(rigs.conventional(9.0))
-    x_mm, image = whole_image(wavefront(tracer, View(np.array([1.5, 1.0]), NO_MICROLENS, 434.0), GREEN_NM))
+    x_mm, image = full_image(wavefront(tracer, View(np.array([1.5, 1.0]), NO_MICROLENS, 434.0), GREEN_NM))
     assert image.sum() * (x_mm[1] - x_mm[0]) ** 2 == pytest.approx(1, abs=SPREAD_ENERGY)
 
 

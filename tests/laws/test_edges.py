@@ -21,7 +21,7 @@ from tolerances import QUADRATURE_MM, SIGMAS
 
 import pipeline
 from pipeline.camera.integrals import NODES, Bundles, Integral, integrals, random_integrals
-from pipeline.camera.integrating import edge_search, ways
+from pipeline.camera.integrating import edge_search, radials
 from pipeline.camera.integrating.edge_search import PASSES
 from pipeline.camera.integrating.quadrature import INTEGRATED, NOT_STAR_SHAPED, Edges, bounded, edges
 from pipeline.camera.micro_images.centres import micro_images
@@ -99,12 +99,12 @@ def about_corners() -> Edges:
 def test_an_edge_drawn_too_short_in_a_few_directions_is_noticed() -> None:
     """A fifth of the circle ends at half its way, in every other bundle: a seventh of the light lies there."""
     found = about_corners()
-    owner, angle = found.spokes(64)
-    radius, share = found.find(owner, angle)[0], np.full(len(owner), 2 * np.pi / 64)
-    whole, _ = ways.holds_all(found, owner, angle, radius, share, 256)
+    owner, angle = found.directions(64)
+    radius, share = found.edge_points(owner, angle)[0], np.full(len(owner), 2 * np.pi / 64)
+    whole, _ = radials.agrees_with_probes(found, owner, angle, radius, share, 256)
     assert whole.all()
     short = np.where((owner % 2 == 1) & (angle < 2 * np.pi / 5), 0.5, 1.0)
-    whole, _ = ways.holds_all(found, owner, angle, radius * short, share, 256)
+    whole, _ = radials.agrees_with_probes(found, owner, angle, radius * short, share, 256)
     assert whole.tolist() == [True, False] * (len(CORNERS_PX) // 2)
 
 
@@ -132,9 +132,9 @@ def test_rays_beyond_an_edge_are_the_same_alone_and_among_those_of_others(monkey
 
     for rows in (np.arange(6), np.array([5])):
         owner, angle = np.repeat(rows, 7), np.tile(np.arange(7.0), len(rows))
-        radius, _, limit, _ = found.find(owner, angle)
+        radius, _, limit, _ = found.edge_points(owner, angle)
         with monkeypatch.context() as patched:
-            patched.setattr(ways.Ways, "probe", probe)
+            patched.setattr(radials.StarRegions, "probe", probe)
             found.nothing_beyond(owner, np.stack([np.cos(angle), np.sin(angle)], axis=1), radius, limit)
     assert len(sent[1]) > 3 and np.array_equal(*sent)
 
@@ -169,8 +169,8 @@ BEHIND = [functools.partial(behind, kind) for kind in ("discs", "tilted", "two-p
 def test_the_search_finds_the_edge_that_bisection_finds(make, steps: int) -> None:
     """Forty halvings, one ray at a time. It takes three rays more than halvings at worst, half of them as a rule."""
     found = make()
-    owner, angle = found.spokes(23)
-    radius, label, limit, rays = found.find(owner, angle, steps)
+    owner, angle = found.directions(23)
+    radius, label, limit, rays = found.edge_points(owner, angle, steps)
     along, centre = np.stack([np.cos(angle), np.sin(angle)], axis=1), found.centres[owner]
     low, high, last = np.zeros(len(owner)), limit.copy(), label.copy()
     open_ = found.probe(owner, centre + limit[:, None] * along) != PASSES
@@ -212,7 +212,7 @@ def test_chords_hold_the_points_before_the_place_where_a_ray_from_the_middle_mee
     owner = np.repeat(np.arange(3), corners)
     angle = np.tile(np.arange(corners) * 2 * np.pi / corners, 3) + rng.uniform(-0.2, 0.2, 36)
     radius, order = rng.uniform(0.5, 2.0, 36), rng.permutation(36)
-    chords = ways._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order], 3)
+    chords = radials._chords(owner[order], angle[order] + 2 * np.pi * rng.integers(-1, 2, 36), radius[order], 3)
     corner = (radius * np.exp(1j * angle)).reshape(3, corners)
     side = np.roll(corner, -1, axis=1) - corner
     for number, way in [(number, way) for number in range(3) for way in np.linspace(-3.1, 6.2, 25)]:
@@ -366,7 +366,7 @@ def test_a_derivative_beside_a_bend_is_not_taken_across_it_whichever_rays_are_ra
     search = search_of(
         lambda x, y: (np.abs(x + 0.1) - 0.1, y), np.zeros(2), monkeypatch, error_mm=1e-4, least_px=least_px
     )
-    search.look()
+    search.linearise()
     np.testing.assert_allclose(search.jacobian[0], np.eye(2), atol=1e-12)
 
 

@@ -129,7 +129,7 @@ def test_only_a_bundle_in_one_piece_has_a_saddle_and_a_centroid(region: str) -> 
     x = np.array([29.0, 31.0]) + np.random.default_rng(0).uniform(-0.7, 0.7, (9, 2))
     plane, shares = parallel_planes(TARGET_MM, TARGET_MM)[0], np.linspace(0.0, 1.0, 9)
     found = bundle_hits(tracer.arrays, tracer.positions_mm(*x.T), NO_MICROLENS, plane, Polar(shares, 16))
-    assert found.whole.tolist() == [region == "disc"] * len(x)
+    assert found.is_star_shaped.tolist() == [region == "disc"] * len(x)
 
 
 HOLE_BEFORE_MM, HOLES, FOUND_PERCENT = 20.0, 200, {2.0: 100, 0.1: 20}

@@ -32,7 +32,7 @@ from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.planes import faces_camera
 from pipeline.truth.rows import Correspondences
 from pipeline.truth.settings import LOOK_RAYS, RAYS
-from pipeline.truth.visibility import PointBundles, seen, shares, visibility
+from pipeline.truth.visibility import PointBundles, shares, visibility, visible_rows
 
 RADIUS_MM, FOCAL_MM, BEHIND_MM = 6.0, 14.9, 15.9
 FOCUS_MM = 1 / (1 / FOCAL_MM - 1 / BEHIND_MM)
@@ -334,7 +334,7 @@ def test_a_fully_hidden_row_goes_and_is_counted() -> None:
     def among(rows: Correspondences) -> tuple[Correspondences, np.ndarray]:
         solutions = rows.solutions
         place = rig.microlens(solutions.cell), solutions.xy_px, planes[solutions.point]
-        return seen(rows, visibility(rig, around, 0, *place)[0])
+        return visible_rows(rows, visibility(rig, around, 0, *place)[0])
 
     found, share = among(rows)
     left = planes[rows.solutions.point, 0, 0] < 0

@@ -181,7 +181,7 @@ def test_new_poses_stand_around_a_fisheye_and_face_it(nikkor):
 
 def test_point_images_end_where_planes_in_focus_do(nikkor):
     """The outermost default place is 78 degrees off the axis, by its own mean ray; beyond, they are refused."""
-    *_, (words, view) = point_images._places(nikkor.rig)
+    *_, (words, view) = point_images._default_views(nikkor.rig)
     assert words == "78 degrees off the axis"
     rays = nikkor.rays(*nikkor.rig.tracer.pixels_at(view.position_mm[None]).T)
     assert np.degrees(np.arccos(rays.direction[0, 2])) == pytest.approx(78.0, abs=0.6)

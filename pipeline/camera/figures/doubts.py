@@ -1,4 +1,4 @@
-"""Parts of a camera that hardly belong together: each is possible, and most are a slip of a unit. For warnings."""
+"""Plausibility warnings: valid values that suggest a unit error."""
 
 import math
 from collections.abc import Iterator
@@ -22,24 +22,25 @@ from pipeline.optics.table import motion_of, unbounded
 from pipeline.optics.windows import parted
 
 _PITCHES_MM = (2e-4, 0.5)
-"""Pitches of pixels [mm]: wider than half a wavelength of light, and narrower than half a millimetre."""
+"""Pixel pitches that raise no warning [mm]: wider than half a wavelength of light, narrower than half a millimetre."""
 _WEAK_F_NUMBER = 100.0
-"""F-number from which on a microlens bends light by less than its own diffraction does."""
+"""F-number beyond which a microlens bends light by less than its own diffraction does."""
 _TOO_WIDE, _TOO_SMALL, _OVERLAP, _GAPS = 1.25, 0.95, 1.05, 0.55
-"""Ratios beyond which something is doubted: stop and what the lens lets through, array and sensor, micro-image and
-distance of micro-images, which may leave gaps: those of a real Raytrix R12 at F/4 are 0.59 of it."""
+"""Ratios beyond which a warning is due: stop over the beam that the lens passes, array over sensor, micro-image over
+the pitch of micro-images. These may leave gaps: those of a real Raytrix R12 at F/4 are 0.59 of the pitch wide."""
 _CIRCULAR = 0.5
-"""Share of the way to the corner that light reaches at least behind a lens of a wide field, whose image may be a circle
-inside the sensor: that of 21.6 mm of the Nikkor ends half way on 24 x 36 mm."""
+"""Least radius of a wide field's image circle over the distance of the corner [1]. Such a circle may lie within the
+sensor: that of 21.6 mm of the Nikkor ends half way on 24 x 36 mm."""
 _ZOOMS = 5
-"""Grids, each 4 / `GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's radius wide."""
+"""Number of grids, each 4 / `GRID` as wide as the one before: meshes of the last are some 1e-7 of the surface's
+radius."""
 _HALVINGS = 12
-"""Bisections of the way to a dark corner: to 1/4096 of it, and the message has four digits."""
+"""Bisections towards a dark corner: to 1/4096 of its distance, and the message has four digits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """One of them: a stable code, words and a way out."""
+    """A plausibility warning: a stable code, a message and a remedy."""
 
     code: str
     part: str  # camera, stop, sensor, image, windows, microlenses or focal_lengths
@@ -48,9 +49,9 @@ class Doubt:
 
 
 def doubts(camera: Camera) -> Iterator[Doubt]:
-    """List the doubts about a focused camera.
+    """List the warnings about a focused camera.
 
-    Raises CameraError: no chief ray leaves from the corner of the sensor or array: the camera cannot be traced.
+    Raises CameraError: no chief ray leaves from the corner of the sensor or array, so the camera cannot be traced.
     """
     yield from pixel_doubts(camera.sensor)
     yield from _stop(camera)
@@ -60,11 +61,11 @@ def doubts(camera: Camera) -> Iterator[Doubt]:
 
 
 def pixel_doubts(sensor: Sensor) -> Iterator[Doubt]:
-    """List the doubts about a sensor alone."""
+    """List the warnings about a sensor alone."""
     pitch, (width, height) = sensor.pitch_mm, sensor.size_mm
     if not _PITCHES_MM[0] <= pitch <= _PITCHES_MM[1]:
-        what = f"pixels of {pitch:g} mm make a sensor of {width:.4g} x {height:.4g} mm"
-        yield Doubt("pixel-pitch", "sensor", what, "lengths are millimetres: 20 µm are 0.02")
+        message = f"pixels of {pitch:g} mm make a sensor of {width:.4g} x {height:.4g} mm"
+        yield Doubt("pixel-pitch", "sensor", message, "lengths are millimetres: 20 µm are 0.02")
 
 
 def _stop(camera: Camera) -> Iterator[Doubt]:
@@ -72,12 +73,12 @@ def _stop(camera: Camera) -> Iterator[Doubt]:
     ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
     widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
     if wide > _TOO_WIDE * widest:
-        what = (
+        message = (
             f"the stop is {wide:.4g} mm wide, F/{lens.f_number:.3g}, and the lens around it lets through"
             f" {widest:.4g} mm, F/{lens.f_number * wide / widest:.3g}"
         )
         hint = "edges of other surfaces cut the light before the stop does: is plen:semiDiameter half of its diameter?"
-        yield Doubt("wide-stop", "stop", what, hint)
+        yield Doubt("wide-stop", "stop", message, hint)
 
 
 def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
@@ -85,31 +86,32 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
     behind, ahead = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead
     if array.pitch_mm > min(width, height) / 2:
-        what = f"microlenses {array.pitch_mm:g} mm apart stand before a sensor of {width:.4g} x {height:.4g} mm"
-        yield Doubt("microlens-pitch", "microlenses", what, "lengths are millimetres: 100 µm are 0.1")
+        message = f"microlenses {array.pitch_mm:g} mm apart stand before a sensor of {width:.4g} x {height:.4g} mm"
+        yield Doubt("microlens-pitch", "microlenses", message, "lengths are millimetres: 100 µm are 0.1")
     weakest = max(array.focal_lengths_mm)
     if weakest > _WEAK_F_NUMBER * array.aperture_mm:
-        what = (
+        message = (
             f"a microlens of f = {weakest:.4g} mm and {array.aperture_mm:.4g} mm wide is F/"
             f"{weakest / array.aperture_mm:.0f}: it bends next to nothing"
         )
-        yield Doubt("weak-microlens", "focal_lengths", what, "lengths are millimetres: 900 µm are 0.9")
+        yield Doubt("weak-microlens", "focal_lengths", message, "lengths are millimetres: 900 µm are 0.9")
     yield from _dark_sides(camera.sensor, array, 1 + array.distance_mm / to_array)
     wide = lens.exit_pupil.diameter_mm * behind / to_array
     apart = array.nearest_mm * (1 + behind / to_array)
-    for code, is_so, effect, remedy in (
+    for code, applies, effect, remedy in (
         ("overlap", wide > _OVERLAP * apart, "they overlap", "stop down"),
         ("gaps", wide < _GAPS * apart, "dark gaps lie between them", "open the stop"),
     ):
-        if is_so:
-            pitch, stop = camera.sensor.pitch_mm, matched_stop_mm(lens, array, camera.sensor_distance_mm)
-            what = f"micro-images are {wide / pitch:.4g} px wide and {apart / pitch:.4g} px apart: {effect}"
+        if applies:
+            pitch = camera.sensor.pitch_mm
+            stop = matched_stop_mm(lens, array, camera.sensor_distance_mm)
+            message = f"micro-images are {wide / pitch:.4g} px wide and {apart / pitch:.4g} px apart: {effect}"
             hint = f'a stop of {stop:.4g} mm matches: write plen:camera:stopMatch = "microlenses", or {remedy}'
-            yield Doubt(code, "camera", what, hint)
+            yield Doubt(code, "camera", message, hint)
 
 
 def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterator[Doubt]:
-    """Micro-images lie `spread` times as far from the axis as their microlenses."""
+    """Warn if micro-images, `spread` times as far from the axis as their microlenses, leave the sensor partly dark."""
     grid, sizes = lattice(array), sensor.size_mm
     if not len(grid.k):
         return
@@ -120,43 +122,45 @@ def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterato
     ]
     if covered[0] < _TOO_SMALL * sizes[0] or covered[1] < _TOO_SMALL * sizes[1]:
         share = covered[0] * covered[1] / (sizes[0] * sizes[1])
-        what = (
+        message = (
             f"micro-images cover {covered[0]:.3g} x {covered[1]:.3g} mm of the sensor's {sizes[0]:.3g} x"
             f" {sizes[1]:.3g} mm: {1 - share:.0%} of the image stays dark"
         )
         hint = "enlarge the array or move it: plen:width, plen:height, offsets"
-        yield Doubt("small-array", "microlenses", what, hint)
+        yield Doubt("small-array", "microlenses", message, hint)
 
 
 def _image_circle(camera: Camera) -> Iterator[Doubt]:
-    """Whether light comes to the farthest corner of the sensor, and chief rays to all that a build traces."""
+    """Check that light reaches the farthest corner of the sensor, and chief rays everything that is traced."""
     tracer, corner = Tracer(camera), camera.sensor.farthest_corner_mm
     far = math.hypot(*corner)
     is_wide = pupil_fan(camera.prescription).is_wide
     expected = corner * (_CIRCULAR if is_wide else 1)
     if not math.isfinite(far) or (_is_lit(tracer, expected) and not camera.microlenses):
         return
-    what, traced_mm = "the farthest corner", far
+    farthest = "the farthest corner"
+    traced_mm = far
     if camera.microlenses:
-        what, traced_mm = "the farthest microlens", float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
+        farthest = "the farthest microlens"
+        traced_mm = float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
     if camera.is_centred and (camera.microlenses or not is_wide):
         crossing = chief_heights(tracer.table, tracer.stop_row, tracer.film_z_mm, np.array([traced_mm]))
         if np.isnan(crossing[0]):
             raise CameraError(
-                f"no ray from {traced_mm:.4g} mm off the axis, {what}, reaches the centre of the aperture stop",
+                f"no ray from {traced_mm:.4g} mm off the axis, {farthest}, reaches the centre of the aperture stop",
                 hint=TOO_WIDE,
             )
     if not _is_lit(tracer, expected):
         lit, _ = halved(
             lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
         )
-        what = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
-        what = what if lit[0] > 0 else "no light comes to the middle of the sensor"
+        message = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
+        message = message if lit[0] > 0 else "no light comes to the middle of the sensor"
         hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
         part, (windows, lens) = "image", parted(camera.prescription)
         if windows and _is_lit(Tracer(replace(camera, prescription=lens, spectrum=())), corner):
             part, hint = "windows", "its windows block it: make them wider, bring them nearer, or turn them less"
-        yield Doubt("image-circle", part, what, hint)
+        yield Doubt("image-circle", part, message, hint)
 
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
@@ -164,14 +168,14 @@ def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
     table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, GRID)
     opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
-    for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: ever finer ones about the ray nearest to its centre
-        starts, way = np.tile(start, (len(grid), 1)), _unit(grid - start)
-        if traced(table, starts, way)[2].any():
+    for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: refine about the ray nearest to its centre
+        starts, direction = np.tile(start, (len(grid), 1)), _unit(grid - start)
+        if traced(table, starts, direction)[2].any():
             return True
-        passed = traced(opened, starts, way)[2]
+        passed = traced(opened, starts, direction)[2]
         if not passed.any():
             return False
-        on_stop = traced(opened[: tracer.stop_row + 1], starts[passed], way[passed])[0]
+        on_stop = traced(opened[: tracer.stop_row + 1], starts[passed], direction[passed])[0]
         away = np.hypot(*apply(inverse(motion_of(table[tracer.stop_row])), on_stop)[:, :2].T)
         middle = grid[passed][np.argmin(away)]
         grid = middle + (grid - grid.mean(axis=0)) * (4 / GRID)

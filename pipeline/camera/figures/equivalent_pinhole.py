@@ -1,16 +1,16 @@
-"""The pinhole that stands for a camera in programs that know nothing else, as OpenCV; viewers get
+"""The equivalent pinhole of a camera, for programs such as OpenCV that know no lenses. Viewers of USD get
 `camera.figures.first_order_figures`.
 
-It is fitted to mean rays by least squares: those whose crossings with a plane are J, so the same that define every
-exact position. The paraxial entrance pupil would do for chief rays near the axis; coma pulls the mean away from them,
-by 0.18 mm along the axis in the double Gauss at F/7.7, which is 0.1 px of its image.
+It is a least-squares fit to mean rays, whose intersection with a plane is J, so to the definition of every exact
+position. The paraxial entrance pupil would do for chief rays near the axis; coma moves the mean ray away from them, by
+0.18 mm along the axis in the double Gauss at F/7.7, which is 0.1 px of its image.
 
-In the equations of OpenCV with C the centre, u = (X - C_x, Y - C_y) / (Z - C_z), r = |u|:
+In OpenCV's equations with C the centre, u = (X - C_x, Y - C_y) / (Z - C_z), r = |u|:
 
     x = f T(u (1 + k1 r^2 + k2 r^4 + k3 r^6) + tangential(p1, p2; u)) + c
 
-with T(tauX, tauY) the projection onto a tilted sensor. A pinhole has the axes of the vision frame. Behind pupils of the
-magnification m rays are m times less steep than before them, so a sensor tilted by theta is one by tau for a pinhole,
+with T(tauX, tauY) the projection onto a tilted sensor. The pinhole has the axes of the vision frame. Behind pupils of
+magnification m rays are m times less steep than before them, so to a pinhole a sensor tilted by theta is tilted by tau,
 tan tau = tan theta / m.
 """
 
@@ -30,36 +30,37 @@ from pipeline.optics.first_order import first_order
 from pipeline.records.shapes import Float64, Num, Shaped
 
 STEPS = 40
-"""Steps of a fit at most: a fit that settles needs few, and one that does not has to end."""
+"""Most steps of a fit: one that converges needs few."""
 SETTLED = 1e-12
-"""Change of the image by the last step over the norm of all image positions [1]: thousands of roundings of a double."""
+"""Convergence: change of the image by the last step over the norm of all image positions [1], thousands of
+roundings."""
 F, CENTRE, POINT, RADIAL, TANGENTIAL, TILT = 0, (1, 2, 3), (4, 5), (6, 7, 8), (9, 10), (11, 12)
-"""Places of the parameters: f, C, c, (k1, k2, k3), (p1, p2), (tauX, tauY) [rad]."""
+"""Indices of the parameters: f, C, c, (k1, k2, k3), (p1, p2), (tauX, tauY) [rad]."""
 PARAMETERS = 13
-"""How many these are."""
+"""Number of parameters."""
 NOTHING_LEFT_PX = 1e-6
-"""Residual below which no coefficient is added [px]: a thousandth of the accuracy that tables claim by default."""
+"""Residual below which no coefficient is added [px]: a thousandth of the default accuracy of tables."""
 ABSURD = 0.02
-"""Largest residual over the diagonal of the image from which on a fit is none [1]. Brown leaves 0.008 of it of a
-fisheye 72 degrees off its axis; a ray from beyond 90 degrees is off by more than its distance from the middle."""
+"""Largest residual over the diagonal of the image beyond which a fit is rejected [1]. Brown's model leaves 0.008 of it
+for a fisheye 72 degrees off its axis; a ray from beyond 90 degrees is off by more than its distance from the middle."""
 WORTH_IT = 0.9
-"""Residual that a further radial coefficient may leave, over the one before [1]: it is worth a gain of a tenth."""
+"""Residual with a further radial coefficient over the one before, below which the coefficient is kept [1]."""
 IMAGINARY = 1e-30
-"""Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and no difference is taken, so
-derivatives have neither truncation errors nor cancelled digits."""
+"""Length of a complex step, in the unit of the parameter: its square vanishes beside 1, and nothing is subtracted, so
+derivatives have neither truncation error nor cancellation."""
 BROWN = (*RADIAL[:2], *TANGENTIAL, RADIAL[2])
-"""Places of k1, k2, p1, p2, k3: OpenCV's order."""
+"""Indices of k1, k2, p1, p2, k3: OpenCV's order."""
 _NO_MORE = (0.0,) * 7
-"""k4, k5, k6, s1, s2, s3, s4 of OpenCV, which no pinhole here has."""
+"""k4, k5, k6, s1, s2, s3, s4 of OpenCV, zero for every pinhole here."""
 _COLUMNS, _ROWS = 17, 13
-"""Image positions that are traced, the corners among them: 442 coordinates for eleven parameters at most."""
+"""Grid of traced image positions, corners included: 442 coordinates for eleven parameters at most."""
 _LEVEL = 2
 """Level of the quadrature: means are right to 1e-8 mm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Projection:
-    """A pinhole's image of directions, and how far the rays of the real camera differ from it."""
+    """A pinhole's map from directions to the image, and its residuals against the rays of the real camera."""
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
@@ -78,38 +79,38 @@ class Sightings:
     places_mm: Num[np.ndarray, "n 3"]
 
     def residuals(self, p: Shaped[np.ndarray, "13"]) -> np.ndarray:
-        """Differences of a pinhole's images of the points from their positions, (n, 2) [px]; analytic in `p`."""
+        """Image of the points in a pinhole minus their positions, (n, 2) [px]; analytic in `p`."""
         coefficients = np.concatenate([p[list(BROWN)], _NO_MORE, p[list(TILT)]])
         ahead = self.places_mm - p[list(CENTRE)]
         x, y = distorted(coefficients, *(ahead[:, :2] / ahead[:, 2:]).T)
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 
     def slopes(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
-        """Derivatives of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
+        """Jacobian of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
         tilted = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
         with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
             derivatives = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
         return derivatives.reshape(len(free), self.x_px.size).T
 
     def fitted(self, start: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
-        """The parameters with those in `free` at least squares: Gauss and Newton. A start that leaves nothing stays."""
+        """Parameters at least squares over those in `free`, by Gauss-Newton steps; an exact start is kept."""
         p = start.copy()
         if self.rms_px(p) < NOTHING_LEFT_PX:
             return p
         for _ in range(STEPS):
-            slopes = self.slopes(p, free)
+            jacobian = self.slopes(p, free)
             with np.errstate(over="ignore", invalid="ignore"):
-                scale = np.linalg.norm(slopes, axis=0)
+                scale = np.linalg.norm(jacobian, axis=0)
             if not (np.isfinite(scale).all() and scale.all()):
                 return np.full_like(p, math.nan)
-            step = np.linalg.lstsq(slopes / scale, -self.residuals(p).ravel(), rcond=None)[0]
+            step = np.linalg.lstsq(jacobian / scale, -self.residuals(p).ravel(), rcond=None)[0]
             p[list(free)] += step / scale
             if np.linalg.norm(step) < SETTLED * np.linalg.norm(self.x_px):
                 break
         return p
 
     def with_radial(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
-        """Parameters fitted again with those radial coefficients that are worth it."""
+        """Parameters fitted again with the radial coefficients that lower the residual enough."""
         for count in range(1, len(RADIAL) + 1):
             finer = self.fitted(p, (*free, *RADIAL[:count]))
             if self.rms_px(finer) < WORTH_IT * self.rms_px(p):
@@ -121,7 +122,7 @@ class Sightings:
         return float(np.sqrt(np.mean(np.sum(self.residuals(p) ** 2, axis=1))))
 
     def projection(self, p: Float64[np.ndarray, "13"]) -> Projection:
-        """The part of the parameters that makes the image."""
+        """The projection of these parameters, with its residuals."""
         x, y = p[list(POINT)].tolist()
         brown, tau = p[list(BROWN)].tolist(), p[list(TILT)].tolist()
         return Projection(
@@ -145,12 +146,12 @@ class Pinhole:
 
 
 def pinhole(camera: Camera) -> Pinhole | None:
-    """Fit a pinhole to the main lens and the sensor of a focused camera, microlenses left out.
+    """Fit a pinhole to the main lens and the sensor of a focused camera, without its microlenses.
 
-    A radial coefficient is used, up to the third, where it lowers the rms of what is left by a tenth; tangential ones
-    are for lenses with displaced surfaces. The centre of any other lens lies on its axis. An ideal thin lens in its
-    stop keeps its own distortion. None: no pinhole fits, because the field is too wide, or because light reaches too
-    little of the sensor.
+    A radial coefficient, up to the third, is kept if it lowers the rms residual by a tenth; tangential ones are for
+    lenses with displaced surfaces. The centre of a centred lens lies on its axis. An ideal thin lens in its stop keeps
+    its own distortion. None: no pinhole fits, because the field is too wide, or because light reaches too little of the
+    sensor.
     """
     if camera.near_mm is None or camera.far_mm is None:
         raise CameraError(
@@ -188,12 +189,12 @@ def pinhole(camera: Camera) -> Pinhole | None:
 
 
 def is_absurd(residual_px: float, size_px: tuple[int, int]) -> bool:
-    """Whether a fit with that largest residual stands for no camera with an image of that size."""
+    """Whether a fit with this largest residual represents no camera with an image of that size."""
     return not residual_px < ABSURD * math.hypot(*size_px)
 
 
 def _paraxial(camera: Camera) -> np.ndarray:
-    """Parameters of the pinhole at the paraxial entrance pupil, with the distortion that an ideal lens has."""
+    """Parameters of the pinhole at the paraxial entrance pupil, with the distortion of an ideal lens."""
     parameters = np.zeros(PARAMETERS)
     slopes = np.tan(np.radians(camera.sensor.tilt_deg))
     parameters[list(TILT)] = np.arctan(slopes / first_order(camera.prescription).pupil_magnification)
@@ -215,7 +216,7 @@ def paraxial_pinhole(camera: Camera) -> np.ndarray:
 
 
 def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> tuple[Sightings, float]:
-    """Mean rays where they cross two planes, and the share of the image that has light."""
+    """Intersections of mean rays with two planes, and the share of the image that has light."""
     sensor = tracer.camera.sensor
     across, down = (
         np.linspace(-0.5, size - 0.5, count) for size, count in ((sensor.width_px, _COLUMNS), (sensor.height_px, _ROWS))
@@ -227,5 +228,5 @@ def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> tuple[Sighting
     # By the trapezoidal rule: positions on an edge of the image stand for half as much of it.
     area = np.where((x_px == x_px.min(axis=0)) | (x_px == x_px.max(axis=0)), 0.5, 1.0).prod(axis=1)
     crossings = np.concatenate([mean[lit, :2], mean[lit, 2:]])
-    places = np.column_stack([crossings, np.repeat(planes_mm, lit.sum())])
-    return Sightings(np.tile(x_px[lit], (2, 1)), places), float(area[lit].sum() / area.sum())
+    points = np.column_stack([crossings, np.repeat(planes_mm, lit.sum())])
+    return Sightings(np.tile(x_px[lit], (2, 1)), points), float(area[lit].sum() / area.sum())

@@ -21,14 +21,14 @@ from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
-"""Random rays of each height: right to about 1e-4 of their integral, less than a curve shows."""
+"""Random rays per height: right to about 1e-4 of their integral, finer than a curve shows."""
 _PLACES = 25
-"""Places from the axis to the end of a field of view: if the last has no chief ray, the one before is a twenty-fourth
-of the way off."""
+"""Positions from the axis to the end of a field of view: if the last has no chief ray, the error is one interval,
+1/24."""
 _NEWTON_STEPS = 6
-"""Steps to the image of the axis: chief rays are all but linear over that way, so that each gains several digits."""
+"""Newton steps to the image of the axis: chief rays are nearly linear over it, so each step gains several digits."""
 _DIFFERENCE_MM = 1e-3
-"""Difference of the derivatives [mm]: roundings, 1e-13 mm, leave ten digits, and chief rays hardly bend over it."""
+"""Step of finite differences [mm]: roundings of 1e-13 mm leave ten digits, and chief rays are linear over it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class FieldCurves:
 
     height_mm: Float64[np.ndarray, "n"]  # distance of the sensor position from the image of the axis
     angle_deg: Float64[np.ndarray, "n"]  # angle of the real chief ray with the axis, in the scene
-    relative_illumination: Float64[np.ndarray, "n"]  # weight of the bundle over the weight of the bundle at height 0
+    relative_illumination: Float64[np.ndarray, "n"]  # weight of the bundle over that at height 0
     # Real over paraxial image height of the point where the chief ray meets the object plane, minus 1. The paraxial
     # height is the principal distance times the point's slope from the entrance pupil. 0 on the axis; NaN from 90
     # degrees on, where chief rays meet no plane.
@@ -64,7 +64,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     """Trace `rows` field positions with an object plane at vision z.
 
     From the image of the axis towards the farthest corner of the sensor, as far as light arrives; in a centred lens
-    along x, because all directions are alike.
+    along x, because all directions are equivalent.
     """
     sensor = dataclasses.replace(camera.sensor, tilt_deg=(0.0, 0.0))  # the curves are those of the lens
     tracer = Tracer(dataclasses.replace(camera, sensor=sensor, microlenses=None))
@@ -80,6 +80,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
         width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in np.abs(positions).max(axis=0))
         covering = Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
         tracer = Tracer(dataclasses.replace(tracer.camera, sensor=covering))
+    # Distortion, from chief rays.
     direction, crossing = _chief_rays(tracer, positions, object_mm)
     angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
@@ -88,6 +89,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / ahead
     ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
     ratio[angle >= math.pi / 2] = np.nan
+    # Illumination, from complete bundles.
     weight = tracer.moments(
         positions, np.full(rows, NO_MICROLENS), parallel_planes(1.0, 2.0), _SAMPLES, np.zeros((rows, 2), np.int64)
     )[:, WEIGHT]
@@ -95,42 +97,49 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     boresight = None if centred else (float(x), float(y))
     if not weight[0] > 0:
         raise CameraError("no light passes the lens from the middle of the image", hint="is the stop too small?")
-    illumination, corner_mm = weight / weight[0], float(np.hypot(*(end - start)))
+    illumination = weight / weight[0]
+    corner_mm = float(np.hypot(*(end - start)))
     return FieldCurves(heights, np.degrees(angle), illumination, ratio - 1, object_mm, boresight, corner_mm)
 
 
 def field_of_view_deg(camera: Camera) -> list[float]:
-    """Angles of the main lens's field over the image's middle row, its middle column and its diagonal.
+    """Field angles of the main lens over the image's middle row, its middle column and its diagonal. [deg]
 
-    Each is the sum of those from the chief ray of the place nearest to the axis to the chief rays of both ends, or of
-    the last places before them that have light and a chief ray: more than 180 degrees of a fisheye. [deg]
+    Each is the sum of the angles from the chief ray nearest to the axis to those at both ends, or at the last positions
+    before them with light and a chief ray: more than 180 degrees for a fisheye.
     """
-    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    tracer = Tracer(dataclasses.replace(camera, microlenses=None))
+    sensor = camera.sensor
     middle, half = np.array([sensor.offset_x_mm, sensor.offset_y_mm]), np.array(sensor.size_mm) / 2
     angles = []
     for end in (half * [1.0, 0.0], half * [0.0, 1.0], half):
-        foot, angle = middle - np.clip(middle @ end / (end @ end), -1, 1) * end, 0.0
+        foot = middle - np.clip(middle @ end / (end @ end), -1, 1) * end
+        angle = 0.0
         for tip in (middle - end, middle + end):
             reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([foot, tip])))
-            ways = chief_ways(tracer, foot + reach * np.linspace(0, 1, _PLACES)[:, None] * (tip - foot))
-            ways = ways[np.isfinite(ways[:, 0])]
-            if len(ways):
-                angle += math.atan2(np.linalg.norm(np.cross(ways[0], ways[-1])), ways[0] @ ways[-1])
+            directions = chief_directions(tracer, foot + reach * np.linspace(0, 1, _PLACES)[:, None] * (tip - foot))
+            directions = directions[np.isfinite(directions[:, 0])]
+            if len(directions):
+                angle += math.atan2(
+                    np.linalg.norm(np.cross(directions[0], directions[-1])), directions[0] @ directions[-1]
+                )
         angles.append(math.degrees(angle))
     return angles
 
 
-def chief_ways(tracer: Tracer, places_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-    """Directions in the scene of the chief rays of places of the film, apertures left out, (n, 3); NaN: none."""
-    start = tracer.on_film(places_mm)
+def chief_directions(tracer: Tracer, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
+    """Directions in the scene of the chief rays of film positions, apertures ignored, (n, 3); NaN: none."""
+    start = tracer.on_film(positions_mm)
     crossing = chief_crossings(tracer.table, tracer.stop_row, start)
-    way = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
-    _, way, leaves = traced(unbounded(tracer.table), start, way / np.linalg.norm(way, axis=1, keepdims=True))
-    return np.where(leaves[:, None], way, np.nan)
+    direction = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
+    _, direction, leaves = traced(
+        unbounded(tracer.table), start, direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    )
+    return np.where(leaves[:, None], direction, np.nan)
 
 
 def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
-    """End on the sensor of the chief ray from the axis of the object plane, vision frame (2,), by Newton steps."""
+    """Sensor position of the chief ray from the axis of the object plane, vision frame (2,), by Newton's method."""
     position = np.zeros(2)
     for _ in range(_NEWTON_STEPS):
         probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -140,7 +149,7 @@ def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
 
 
 def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of chief rays in the scene, (n, 3), and crossings with vision z `object_mm`, at infinity slopes."""
+    """Directions of chief rays in the scene, (n, 3), and intersections with the object plane, at infinity slopes."""
     table = unbounded(tracer.table)
     position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
     slopes = chief_slopes(table, tracer.stop_row, position)

@@ -1,8 +1,8 @@
-"""First-order figures of a camera: as plain values what camera.json says, and as a pinhole what viewers of USD take,
-which know no lenses. Positions are vision z [mm].
+"""First-order figures of a camera: plain values for camera.json, and a pinhole for viewers of USD, which know no
+lenses.
 
-No ray is traced for them but those of the field of view; `camera.figures.equivalent_pinhole` is fitted to real rays,
-for numbers.
+Positions are vision z [mm]. No ray is traced but those of the field of view; `camera.figures.equivalent_pinhole` is
+fitted to real rays, for numbers.
 """
 
 import math
@@ -27,7 +27,7 @@ from pipeline.records.shapes import Float64
 
 
 def report(camera: Camera) -> Json:
-    """Figures of a focused camera, as `depth_of_field.focused` makes it, in the order of camera.json."""
+    """Figures of a focused camera, from `depth_of_field.focused`, in the order of camera.json."""
     lens, sensor, focus_of_types = first_order(camera.prescription), camera.sensor, foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
@@ -87,7 +87,7 @@ def _pupil(pupil: Pupil) -> Json:
 
 
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
-    """Gaps that the union of ranges leaves between its ends, near to far."""
+    """Gaps in the union of ranges, near to far."""
     gaps, reached = list[list[float]](), -math.inf
     for near, far in sorted(ranges):
         if -math.inf < reached < near:
@@ -101,7 +101,8 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
     figures = lens_report(camera.prescription)
-    tilted, index = camera.film.vision_from_film, camera.prescription.index_in_front
+    tilted = camera.film.vision_from_film
+    index = camera.prescription.index_in_front
     return {
         **({"is_ideal": True} if camera.prescription.ideal else {}),
         **({"index_in_front": index} if index != 1 else {}),
@@ -118,7 +119,7 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
 
 
 def _windows(prescription: Prescription) -> Json:
-    """Where the surfaces of windows stand, the outermost first, and the entrance pupil seen from behind them."""
+    """Positions of the surfaces of windows, outermost first, and the entrance pupil as seen from behind them."""
     windows, lens = parted(prescription)
     if not windows:
         return {}
@@ -126,9 +127,9 @@ def _windows(prescription: Prescription) -> Json:
     stated = []
     for surface, z_mm, motion in placed:
         moved = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
-        outlook = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
-        place = {name: (vector + 0.0).tolist() for name, vector in outlook.items()}
-        stated.append({**place, "radius_mm": surface.radius_mm, "index_behind": surface.index})
+        vectors = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
+        pose = {name: (vector + 0.0).tolist() for name, vector in vectors.items()}
+        stated.append({**pose, "radius_mm": surface.radius_mm, "index_behind": surface.index})
     listed = [
         {"name": group.name.removeprefix(MARK), "surfaces": [stated[i] for i in group.members]} for group in windows
     ]
@@ -138,7 +139,7 @@ def _windows(prescription: Prescription) -> Json:
 def focus_plane_tilt_deg(
     vision_from_film: Float64[np.ndarray, "4 4"], lens: FirstOrder, in_focus_mm: float
 ) -> list[float]:
-    """Angles by which the plane whose image lies on a tilted sensor is turned, as the sensor's own (Scheimpflug)."""
+    """Tilt angles of the plane in focus on a tilted sensor, measured like the sensor's own (Scheimpflug)."""
     # The lens is a collineation: a plane turned by theta has an image turned by theta', tan theta' = m / n tan theta,
     # because it magnifies m-fold across the axis and m^2 / n along it from a medium n.
     across_x, across_y, along = vision_from_film[:3, 2].tolist()
@@ -205,21 +206,21 @@ def _through_microlens(behind_mm: float, lens: FirstOrder, focal: float, array_z
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Viewfinder:
-    """A pinhole before a film, both in the entrance pupil's place."""
+    """A pinhole in front of a film, in the position of the entrance pupil."""
 
     principal_mm: float  # distance from the pinhole to the film
     # Size of the film along x and y of the image; its middle, from the foot of the pinhole, x right and y up as the
     # viewer looks at the scene
     size_mm: tuple[float, float]
     offset_mm: tuple[float, float]
-    focus_mm: float  # vision z of what is in focus, of the middle microlens type; may be inf
-    # Principal distance over the diameter of the entrance pupil: a thin lens in the pinhole's place that is as wide
+    focus_mm: float  # vision z in focus, of the middle microlens type; may be inf
+    # Principal distance over the diameter of the entrance pupil: that of an equally wide thin lens
     f_number: float
-    nearest_mm: float  # vision z of the first vertex: nothing nearer is ever seen
+    nearest_mm: float  # vision z of the first vertex: nothing nearer is visible
 
 
 def viewfinder(camera: Camera) -> Viewfinder:
-    """Find the viewfinder of a camera whose focus is solved; CameraError: it would stand at infinity."""
+    """The viewfinder of a camera whose focus is solved; CameraError: its pupil is at infinity."""
     lens, sensor = first_order(camera.prescription), camera.sensor
     if lens.entrance_pupil.is_infinite:
         raise CameraError("a telecentric lens has its entrance pupil at infinity, and so no pinhole of a field of view")

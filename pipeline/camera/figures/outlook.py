@@ -1,7 +1,6 @@
-"""Whether a camera sees points at all: a few rays of each, traced towards the sensor. For checks, not for positions.
+"""Visibility of points by a few rays each, traced towards the sensor. For checks, not for positions.
 
-Points are in the vision frame. A doubtful point counts as seen: who is told that a board is out of view must be able to
-rely on it.
+Points are in the vision frame. A doubtful point counts as visible, so that a warning about a hidden board is reliable.
 """
 
 import math
@@ -21,30 +20,31 @@ from pipeline.optics.table import towards_sensor
 from pipeline.records.shapes import Float64, Int64
 
 _FLIP = np.array([1.0, -1.0, -1.0])
-"""Signs of x, y and z between the vision frame and that in which light travels to the sensor along +z."""
+"""Signs of x, y and z from the vision frame to the frame in which light travels to the sensor along +z."""
 _RINGS, _SPOKES = (0.5, 0.95, 1.25), 8
 """Radii of rings of rays, over that of the paraxial entrance pupil, and rays on each."""
 _WIDE, _TRIED = 25, 8
-"""Rays along an edge of the grid over the whole front surface, for strong vignetting and fisheyes, and how many points
-of a pose get them: those nearest to the axis."""
+"""Rays along an edge of the grid over the front surface, for strong vignetting and fisheyes, and the number of points
+of a pose that get one: those nearest to the axis."""
 _SLACK_PX, _BLUR_SHARE = 4.0, 0.25
-"""Distance from the image that the middle of a point's light may have outside of it: pixels, and share of its blur."""
+"""Distance outside of the image at which the centre of a point's light still counts as inside: pixels, and share of its
+blur."""
 
 
 _SLACK_PITCHES = 2.0
-"""Width by which the microlenses that may see a point surpass its light [pitches]."""
+"""Excess width of the microlenses that may see a point over the width of its light [pitches]."""
 
 
 class Fate(IntEnum):
-    """Fate of the light of a point; where several hold, the first."""
+    """Fate of the light of a point; where several apply, the first."""
 
     AWAY = 0
     """The front of its surface faces away from the camera."""
     NO_LIGHT = 1
-    """None of it comes through the lens, or none to the microlenses."""
+    """No ray passes the lens, or none reaches the microlenses."""
     BLURRED = 2
-    """It is spread over more than the image, as that of a point on the axis at its distance is; or behind microlenses
-    over more than a micro-image."""
+    """Its light spreads over more than the image, even on the axis at its distance; behind microlenses over more than a
+    micro-image."""
     OUTSIDE = 3
     """It falls beside the image."""
     SEEN = 4
@@ -59,13 +59,15 @@ class Outlook:
     blur_px: Float64[np.ndarray, "poses n"]
 
 
-@np.errstate(all="ignore")  # what is not finite is not seen
+@np.errstate(all="ignore")  # NaN counts as invisible
 def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Float64[np.ndarray, "k m 3"]) -> Outlook:
-    """Find the fate of points whose tangent planes have the normals `front`, both (poses, n, 3), vision frame."""
+    """Determine the fate of points with surface normals `front`, both (poses, n, 3), vision frame."""
     lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
-    tracer, table = Tracer(camera), towards_sensor(camera.prescription)
+    tracer = Tracer(camera)
+    table = towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
-    pupil, steep = pupil_fan(camera.prescription), is_steep(camera.prescription, points)
+    pupil = pupil_fan(camera.prescription)
+    steep = is_steep(camera.prescription, points)
     aside = np.flatnonzero(steep | ~lit & pupil.in_field(points))
     if len(aside):
         aims = np.array([pupil.aims(point) for point in points[aside]]) * _FLIP
@@ -87,12 +89,12 @@ def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Floa
 
 
 def pupil_points_mm(camera: Camera) -> np.ndarray:
-    """Some points of the entrance pupil, vision frame (n, 3)."""
+    """Points of the entrance pupil, vision frame (n, 3)."""
     return (_fan(first_order(camera.prescription)) * _FLIP)[: 1 + 2 * _SPOKES]
 
 
 def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
-    """Width and height of what the image shows of the plane at vision z, paraxially."""
+    """Paraxial width and height of the image's field on the plane at vision z."""
     lens, sensor = first_order(camera.prescription), camera.sensor
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     scale = sensor.pitch_mm * abs((z_mm - lens.entrance_pupil.z_mm) / principal_mm)
@@ -100,13 +102,14 @@ def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
 
 
 def microlenses_lit(camera: Camera, array: MicrolensArray, z_mm: float) -> float:
-    """Number of microlenses that may see a point at vision z, paraxially; 0 where its light has no width."""
+    """Paraxial number of microlenses that may see a point at vision z; 0 where its light has no width."""
     lens, sensor, sensor_mm = first_order(camera.prescription), camera.sensor, camera.sensor_distance_mm
     try:
         image_mm = lens.image_mm(z_mm)
     except ZeroDivisionError:  # a point in the front focus
         return 0.0
-    pupil, array_mm = lens.exit_pupil, array.distance_mm - sensor_mm
+    pupil = lens.exit_pupil
+    array_mm = array.distance_mm - sensor_mm
     light_mm = pupil.diameter_mm * abs((array_mm - image_mm) / (pupil.z_mm - image_mm))
     across = light_mm / array.pitch_mm + _SLACK_PITCHES
     most = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
@@ -114,14 +117,14 @@ def microlenses_lit(camera: Camera, array: MicrolensArray, z_mm: float) -> float
 
 
 def widest_blur_px(camera: Camera) -> float:
-    """Blur with which a point is no point any more: as wide as the image, or as a micro-image."""
+    """Blur beyond which a point is not recognisable: the width of the image, or of a micro-image."""
     if camera.microlenses:
         return camera.microlenses.aperture_mm / camera.sensor.pitch_mm
     return float(max(camera.sensor.width_px, camera.sensor.height_px))
 
 
 def _fan(lens: FirstOrder) -> np.ndarray:
-    """Points in the entrance pupil and a little beyond, (rays, 3), in the frame of the light."""
+    """Points in and slightly beyond the entrance pupil, (rays, 3), in the frame of the light."""
     angle = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
     radius = np.outer(_RINGS, np.full(_SPOKES, lens.entrance_pupil.diameter_mm / 2)).ravel()
     x, y = radius * np.tile(np.cos(angle), len(_RINGS)), radius * np.tile(np.sin(angle), len(_RINGS))
@@ -130,7 +133,7 @@ def _fan(lens: FirstOrder) -> np.ndarray:
 
 
 def _nearest_to_axis(points_mm: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Rows of the wanted points of each pose, the `_TRIED` ones that lie nearest to the axis as seen from the stop."""
+    """Rows of the wanted points of each pose, at most `_TRIED`, nearest to the axis as seen from the stop."""
     slope = np.hypot(points_mm[..., 0], points_mm[..., 1]) / np.abs(points_mm[..., 2])
     order = np.argsort(np.where(wanted, slope, np.inf), axis=1)[:, :_TRIED]
     rows = order + points_mm.shape[1] * np.arange(len(points_mm))[:, None]
@@ -148,28 +151,30 @@ class _Light(NamedTuple):
 def _light(
     tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray, ahead: float | None = None
 ) -> _Light:
-    """The light of points through aims in front of the lens, of all (m, 3) or of each (n, m, 3).
+    """The light of points through aims in front of the lens, shared (m, 3) or of each point (n, m, 3).
 
-    `ahead`: 1: from the points towards their aims; None: forwards.
+    `ahead`: 1: from the points towards their aims; None: along +z.
     """
     aims = np.broadcast_to(aims, (len(points_mm), *aims.shape[-2:]))
-    near = aims.reshape(-1, 3).copy()  # on the ray as well, and known sharply however far the point is
-    way = near - np.repeat(points_mm * _FLIP, aims.shape[1], axis=0)
-    way *= (ahead or np.sign(way[:, 2:])) / np.linalg.norm(way, axis=1, keepdims=True)
-    place, way, passed = traced(table, near, way)
-    film, slope = tracer.arrivals(place * _FLIP, way * _FLIP)
-    array, shape = tracer.camera.microlenses, aims.shape[:2]
+    near = aims.reshape(-1, 3).copy()  # also on the ray, and exact however far the point is
+    direction = near - np.repeat(points_mm * _FLIP, aims.shape[1], axis=0)
+    direction *= (ahead or np.sign(direction[:, 2:])) / np.linalg.norm(direction, axis=1, keepdims=True)
+    exit_point, direction, passed = traced(table, near, direction)
+    film, slope = tracer.arrivals(exit_point * _FLIP, direction * _FLIP)
+    array = tracer.camera.microlenses
+    shape = aims.shape[:2]
     if array:
         low, high = tracer.vertices_mm.min(axis=0) - array.pitch_mm, tracer.vertices_mm.max(axis=0) + array.pitch_mm
         passed &= ((film >= low) & (film <= high)).all(axis=1)
         film = film - array.distance_mm * slope  # through a microlens's vertex light goes straight on
-    x, ray = tracer.pixels_at(film).reshape(*shape, 2), passed.reshape(*shape, 1)
-    lit: np.ndarray = ray.any(axis=(1, 2))  # type: ignore[assignment]
-    low, high = np.where(ray, x, np.inf).min(axis=1), np.where(ray, x, -np.inf).max(axis=1)
+    x = tracer.pixels_at(film).reshape(*shape, 2)
+    has_ray = passed.reshape(*shape, 1)
+    lit: np.ndarray = has_ray.any(axis=(1, 2))  # type: ignore[assignment]
+    low, high = np.where(has_ray, x, np.inf).min(axis=1), np.where(has_ray, x, -np.inf).max(axis=1)
     blur = np.where(lit, (high - low).max(axis=1), 0.0)
     if array:
-        return _Light(blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & ray[..., 0]).any(axis=1))
-    middle = np.where(ray, x, 0.0).sum(axis=1) / np.maximum(1, ray.sum(axis=1))
+        return _Light(blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & has_ray[..., 0]).any(axis=1))
+    middle = np.where(has_ray, x, 0.0).sum(axis=1) / np.maximum(1, has_ray.sum(axis=1))
     return _Light(blur, lit, _is_in_image(tracer.camera, middle, (_SLACK_PX + _BLUR_SHARE * blur)[:, None]))
 
 
@@ -182,8 +187,9 @@ def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float)
 def behind_microlenses_px(
     camera: Camera, array: MicrolensArray, z_mm: Float64[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Blur disc D |1 - B / f - B / a| of objects at vision z [px], and size of 1 mm of theirs in a micro-image [px],
-    both of the sharpest type; see `focusing.depth_of_field`.
+    """Blur disc D |1 - B / f - B / a| of objects at vision z [px], and the size of 1 mm in a micro-image [px].
+
+    Both are those of the sharpest type; see `focusing.depth_of_field`.
     """
     lens, pitch_mm = first_order(camera.prescription), camera.sensor.pitch_mm
     behind_mm, ahead_mm = np.array(array.principal_mm).T[:, :, None]

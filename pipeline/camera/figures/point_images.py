@@ -1,11 +1,11 @@
-"""Images of points by diffraction at a few places of a camera: how sharp it can be, and how sharp it is."""
+"""Point-spread functions with diffraction at a few field positions of a camera."""
 
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.figures.field_curves import chief_ways
+from pipeline.camera.figures.field_curves import chief_directions
 from pipeline.camera.focusing.depth_of_field import foci_on_sensor
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.errors import CameraError
@@ -27,19 +27,20 @@ from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
 FIELDS = (0.0, 0.7, 1.0)
-"""Places of a conventional camera: shares of the way from the axis to the farthest corner."""
+"""Field positions of a conventional camera: shares of the distance from the axis to the farthest corner."""
 _RIM = 0.98
-"""Share of the image circle that stands for the corner where that is dark: at the rim itself the pupil vanishes."""
+"""Share of the image circle that represents a dark corner: at the rim itself the pupil vanishes."""
 _TRIED = 257
-"""Places on the way to the edge of a wide field at which chief rays are tried: a pixel or a few apart."""
+"""Positions towards the edge of a wide field at which chief rays are tried: a pixel or a few apart."""
 _STEEPEST_RAD = WIDE_RAD - np.radians(2.0)
-"""Angle of the outermost chief ray of a wide field: all of its bundle still meets planes across the axis."""
+"""Angle of the outermost chief ray of a wide field: its complete bundle still meets planes across the axis."""
 FREQUENCIES = 49
 """Spatial frequencies of a curve, from 0 to its limit: steps too fine to see."""
 _CELLS, _RADII = 97, 4.0
-"""Points of a picture along an axis, and half its edge over the radius of the Airy disc: three dark rings are seen."""
+"""Points of a picture along an axis, and half its edge over the radius of the Airy disc, which shows three dark
+rings."""
 _SPOT = 1.2
-"""Half the edge of a picture over the reach of the rays where that is more."""
+"""Half the edge of a picture over the extent of the rays, where that is larger."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +69,14 @@ class PointImage:
     picture_um: float  # edge of the picture
 
     def at(self, per_mm: float) -> tuple[float, float]:
-        """Tangential and sagittal transfer at a frequency, between those of the curves."""
+        """Tangential and sagittal transfer at a frequency, interpolated."""
         tangential, sagittal = (
             np.interp(per_mm, self.per_mm, curve, right=0.0) for curve in (self.tangential, self.sagittal)
         )
         return float(tangential), float(sagittal)
 
     def to_plain(self) -> Json:
-        """All figures and curves as plain values, without the picture; unknown is None."""
+        """All figures and curves as plain values, without the picture; None for unknown."""
         names = [name for name in self.__slots__ if not name.startswith("picture")]
         plain = {name: np.asarray(getattr(self, name)).tolist() for name in names}
         return {**plain, "saddle_shift_px": None if np.isnan(self.saddle_shift_px).any() else plain["saddle_shift_px"]}
@@ -91,25 +92,25 @@ def point_images(
     """Images of points in light of one wavelength, whose indices the camera has.
 
     `at_px`: by default the middle, 0.7 of the way to the farthest corner and the corner, or a microlens of each type.
-    `object_mm`: vision z of the points; by default what is in focus, of the type of the microlens.
-    `focused`: the camera whose focus that is, where its light is another.
+    `object_mm`: vision z of the points; by default in focus, of the type of the microlens.
+    `focused`: the camera whose focus that is, if its light is another.
     Raises CameraError: no light arrives at the position, or blur is far wider than diffraction.
     """
     rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
     if at_px is None:
-        places = _places(rig)
+        views = _default_views(rig)
     elif rig.in_image(np.array([at_px]))[0]:
         position = rig.tracer.positions_mm(*at_px)
-        places = [("as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan))]
+        views = [("as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan))]
     else:
         raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
     return [
-        _point_image(rig, place, _seen(focused or camera, view, rig, object_mm), wavelength_nm)
-        for place, view in places
+        _point_image(rig, name, _with_object(focused or camera, view, rig, object_mm), wavelength_nm)
+        for name, view in views
     ]
 
 
-def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View:
+def _with_object(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View:
     """The view with its object: the one in focus unless one is given."""
     if object_mm is None:
         lattice = rig.tracer.lattice
@@ -119,8 +120,8 @@ def _seen(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View
     return View(view.position_mm, view.microlens, object_mm)
 
 
-def _places(rig: Rig) -> list[tuple[str, View]]:
-    """The places that are shown by default."""
+def _default_views(rig: Rig) -> list[tuple[str, View]]:
+    """Views that are shown by default, by name."""
     if rig.images is not None:
         return [
             (f"microlens type {kind}", View(np.array([x, y]), row, math.nan))
@@ -131,20 +132,21 @@ def _places(rig: Rig) -> list[tuple[str, View]]:
     reach = lit_share(tracer.table, tracer.stop_row, *ends)
     edge, share = ("corner", 1.0) if reach == 1 else ("rim of the image circle", _RIM * reach)
     if pupil_fan(tracer.camera.prescription).is_wide:
-        edge, share = _seen_in_planes(tracer, ends, edge, share)
+        edge, share = _last_in_planes(tracer, ends, edge, share)
     words = ("on the axis", "0.7 of the field", edge)
     return [
         (name, View(field * share * corner, NO_MICROLENS, math.nan)) for name, field in zip(words, FIELDS, strict=True)
     ]
 
 
-def _seen_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -> tuple[str, float]:
-    """The edge of the field with its share of the way between two ends, or the last place before it whose chief ray
-    meets planes across the axis.
+def _last_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -> tuple[str, float]:
+    """The edge of the field, or the last position before it whose chief ray meets planes across the axis.
+
+    Returns its name and its share of the distance between two ends.
     """
     shares = np.linspace(0, share, _TRIED)
-    way = chief_ways(tracer, (ends[0] + shares[:, None] * (ends[1] - ends[0]))[:, :2])
-    meets = way[:, 2] > np.cos(_STEEPEST_RAD)
+    direction = chief_directions(tracer, (ends[0] + shares[:, None] * (ends[1] - ends[0]))[:, :2])
+    meets = direction[:, 2] > np.cos(_STEEPEST_RAD)
     last = int(np.flatnonzero(meets).max(initial=0))
     return (
         (edge, share)
@@ -153,9 +155,10 @@ def _seen_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -
     )
 
 
-def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> PointImage:
+def _point_image(rig: Rig, name: str, view: View, wavelength_nm: float) -> PointImage:
     front = wavefront(rig.tracer, view, wavelength_nm)
-    pitch_mm, radius_mm = rig.tracer.camera.sensor.pitch_mm, 0.61 * front.wavelength_mm / front.numerical_aperture
+    pitch_mm = rig.tracer.camera.sensor.pitch_mm
+    radius_mm = 0.61 * front.wavelength_mm / front.numerical_aperture
     length = float(np.hypot(*view.position_mm))
     radial = view.position_mm / length if length > 0 and rig.images is None else np.array([1.0, 0.0])
     across = np.array([-radial[1], radial[0]])
@@ -167,7 +170,7 @@ def _point_image(rig: Rig, place: str, view: View, wavelength_nm: float) -> Poin
     cells = np.linspace(half_mm, -half_mm, _CELLS)  # the image is the vision frame turned by 180 degrees
     light = intensity(front, cells, cells)
     return PointImage(
-        place=place,
+        place=name,
         x_px=rig.tracer.pixels_at(view.position_mm[None])[0],
         object_mm=view.object_mm,
         wavelength_nm=wavelength_nm,

@@ -20,9 +20,9 @@ _PROFILE = 13
 _ACROSS = 5
 """Rays tried along each side of the rear surface; a fan holds those that pass."""
 _FINE = 81
-"""Rays tried instead where none of them passes, as at the edge of a fisheye's field."""
+"""Rays tried instead if none of them passes, as at the edge of a fisheye's field."""
 _RIM = 0.95
-"""Share of the image circle whose rays stand for a dark corner: at the rim itself hardly any pass."""
+"""Share of the image circle whose rays represent a dark corner: at the rim itself hardly any pass."""
 _TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 """Vision frame from the frame of the stop with z towards the sensor: a half turn about x; it is its own inverse."""
 
@@ -87,8 +87,9 @@ def sensor_corners_mm(camera: Camera) -> np.ndarray:
 
 
 def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
-    """Rays of the centre and of two opposite corners of the sensor, or from near the rim of the image circle before
-    dark ones, through the main lens alone.
+    """Rays of the centre and two opposite corners of the sensor through the main lens alone.
+
+    A dark corner is replaced by a position near the rim of the image circle.
     """
     tracer, sensor = Tracer(camera), camera.sensor
     half_x, half_y = (size / 2 for size in sensor.size_mm)
@@ -96,16 +97,16 @@ def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
     # The image is upside down on the sensor: its top left lies at +x, +y of the vision frame.
     centre = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
     fans = []
-    for place, share in ends:
+    for name, share in ends:
         corner = share * np.array([half_x, half_y])
         lit = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([centre, centre + corner])))
         start = np.array([[*(centre + (1.0 if lit == 1 else _RIM * lit) * corner), tracer.film_z_mm]])
-        fans.append(RayFan(place=place, rays=_rays(camera, camera.in_vision(start)[0])))
+        fans.append(RayFan(place=name, rays=_rays(camera, camera.in_vision(start)[0])))
     return tuple(fans)
 
 
 def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, float, float], ...], ...]:
-    """Polylines of the rays from a point that pass all surfaces, out to some way behind the distance in focus."""
+    """Polylines of the rays from a point that pass all surfaces, to somewhat beyond the distance in focus."""
     table = towards_scene(camera.prescription)
     radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     for count in (_ACROSS, _FINE):  # the finer one where no ray of the other passes
@@ -124,7 +125,8 @@ def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, floa
     points, direction, alive = _traced(table, start_mm, aim)
     focus = middle_focus(camera)
     reach = 1.15 * focus if math.isfinite(focus) else 20.0 * camera.sensor_distance_mm
-    ahead, front_mm = direction[:, 2], -camera.prescription.vertices_from_stop_mm[0]
+    ahead = direction[:, 2]
+    front_mm = -camera.prescription.vertices_from_stop_mm[0]
     is_steep = ahead < math.cos(WIDE_RAD)  # it meets that plane far away or nowhere
     length = np.where(is_steep, reach - front_mm, (reach - points[-1][:, 2]) / np.where(is_steep, 1.0, ahead))
     end = points[-1] + direction * length[:, None]
@@ -135,11 +137,12 @@ def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, floa
 def _traced(
     table: np.ndarray, start_mm: np.ndarray, aim: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Points on all surfaces, from the start on; directions in the scene; whether the ray passed."""
+    """Points on all surfaces, from the start on; directions in the scene; whether each ray passed."""
     position = np.tile(start_mm, (len(aim), 1))
     direction = np.column_stack([aim, np.full(len(aim), table[0, VERTEX])]) - position
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive, points = np.ones(len(aim)), [position.copy()]
+    alive = np.ones(len(aim))
+    points = [position.copy()]
     for row in range(len(table)):
         trace_rays(table[row : row + 1], position, direction, alive)
         points.append(position.copy())

@@ -1,8 +1,9 @@
 """Focus, depth of field, and near and far planes of a camera. Paraxial; positions are vision z [mm].
 
 A conventional camera is judged on its sensor, a focused plenoptic one in its micro-images, and an unfocused one in its
-views: the pixels at one place of all micro-images are the picture of a camera whose sensor is the array, whose pixels
-are the microlenses, and whose pupil is what one pixel sees of the exit pupil (Ng, "Digital Light Field Photography").
+views: the pixels at one position of all micro-images form the picture of a camera whose sensor is the array, whose
+pixels are the microlenses, and whose pupil is the part of the exit pupil that one pixel sees (Ng, "Digital Light Field
+Photography").
 
 Formulas: microlens imaging 1/B = 1/f + 1/a for the virtual object at distance a behind the array (Perwass and Wietzke,
 "Single lens 3D-camera with extended depth-of-field", 2012); blur-disc diameters by similar triangles.
@@ -18,14 +19,15 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.optics.first_order import FirstOrder, first_order
 
 _LEAST_SPAN = 0.1
-"""Least distance of both planes from the middle focus, over its distance [1]: closer ones are ill conditioned."""
+"""Least distance of both planes from the middle focus, over the focus distance [1]: closer planes are
+ill-conditioned."""
 _FARTHEST = 2.0
 """Distance of the farthest far plane over that of the middle focus [1]: a depth of field may end at infinity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Focus:
-    """Object side of one way through the camera: the sensor alone, or one microlens type."""
+    """Object side of the sensor alone, or of one microlens type."""
 
     focus_distance_mm: float  # in-focus object distance from the stop
     # Objects in between blur to at most the circle of confusion; the far end may be inf
@@ -36,28 +38,31 @@ class Focus:
 
 def view_of(camera: Camera) -> Camera:
     """The middle view of an unfocused plenoptic camera, as a camera of its own; any other camera itself."""
-    array, sensor = camera.microlenses, camera.sensor
+    array = camera.microlenses
+    sensor = camera.sensor
     if array is None or not array.is_unfocused(sensor.pitch_mm):
         return camera
     behind_mm, ahead_mm = array.principal_mm[0]
-    pupil, film_mm = first_order(camera.prescription).exit_pupil, camera.sensor_distance_mm - ahead_mm
-    seen_mm = sensor.pitch_mm * (pupil.z_mm + film_mm) / behind_mm
+    pupil = first_order(camera.prescription).exit_pupil
+    film_mm = camera.sensor_distance_mm - ahead_mm
+    visible_mm = sensor.pitch_mm * (pupil.z_mm + film_mm) / behind_mm
     width, height = (max(1, round(size_mm / array.pitch_mm)) for size_mm in sensor.size_mm)
-    few = replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm)
-    view = replace(camera, microlenses=None, sensor=few, sensor_distance_mm=film_mm)
-    return with_stop(view, 2 * camera.prescription.stop.semi_diameter_mm * min(1.0, seen_mm / pupil.diameter_mm))
+    coarse = replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm)
+    view = replace(camera, microlenses=None, sensor=coarse, sensor_distance_mm=film_mm)
+    return with_stop(view, 2 * camera.prescription.stop.semi_diameter_mm * min(1.0, visible_mm / pupil.diameter_mm))
 
 
 def foci(camera: Camera) -> tuple[Focus, ...]:
-    """One focus per microlens type, all alike in an unfocused camera, or the single one of a conventional camera."""
-    types, view = foci_on_sensor(camera), view_of(camera)
+    """One focus per microlens type, all equal in an unfocused camera, or the single one of a conventional camera."""
+    types = foci_on_sensor(camera)
+    view = view_of(camera)
     if view is camera:
         return types
     return tuple(replace(foci(view)[0], virtual_depth=kind.virtual_depth) for kind in types)
 
 
 def foci_on_sensor(camera: Camera) -> tuple[Focus, ...]:
-    """The same by what one position of the sensor sees, in unfocused cameras, too: not what is sharp in their views."""
+    """Foci as seen from one position of the sensor, also in unfocused cameras, whose views are sharp elsewhere."""
     lens = first_order(camera.prescription)
     confusion_mm = camera.circle_of_confusion_px * camera.sensor.pitch_mm
     if camera.microlenses is None:
@@ -72,7 +77,8 @@ def foci_on_sensor(camera: Camera) -> tuple[Focus, ...]:
 def _sensor_focus(lens: FirstOrder, sensor_z: float, confusion_mm: float) -> Focus:
     """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s."""
     # A pupil as narrow as the circle of confusion sees the front focus sharply, and a narrower one virtual images, too.
-    pupil, wide = lens.exit_pupil, confusion_mm / lens.exit_pupil.diameter_mm
+    pupil = lens.exit_pupil
+    wide = confusion_mm / lens.exit_pupil.diameter_mm
     to_sensor = pupil.z_mm - sensor_z
     near, far = lens.front_focus_mm, _object(lens, pupil.z_mm - to_sensor / (1 + wide))
     if wide != 1:
@@ -84,7 +90,7 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
     """Blur disc D_ml |1 - B/f - B/a| for a virtual object at distance a behind the array (negative: in front of it)."""
     reciprocal = 1 - behind / focal
 
-    def seen(vergence: float) -> float:
+    def object_at(vergence: float) -> float:
         # vergence is B / a; a main-lens image at infinity belongs to an object in the front focus.
         if vergence == 0:
             return lens.front_focus_mm
@@ -92,10 +98,10 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
 
     # An object moves away as the vergence grows, up to infinity before 0, and from the front focus behind it.
     low, high = reciprocal - relative_confusion, reciprocal + relative_confusion
-    nearest = lens.front_focus_mm if low <= 0 <= reciprocal else seen(low)
-    farthest = math.inf if reciprocal < 0 <= high else seen(high)
+    nearest = lens.front_focus_mm if low <= 0 <= reciprocal else object_at(low)
+    farthest = math.inf if reciprocal < 0 <= high else object_at(high)
     depth = math.inf if reciprocal == 0 else abs(1 / reciprocal)
-    return Focus(focus_distance_mm=seen(reciprocal), depth_of_field_mm=(nearest, farthest), virtual_depth=depth)
+    return Focus(focus_distance_mm=object_at(reciprocal), depth_of_field_mm=(nearest, farthest), virtual_depth=depth)
 
 
 def _object(lens: FirstOrder, image_z: float) -> float:
@@ -111,14 +117,15 @@ def middle_focus(camera: Camera) -> float:
 
 @functools.lru_cache(maxsize=KEPT)
 def focused(camera: Camera | FocusRequest) -> Camera:
-    """The camera with all that it asks for solved, and its near and far planes settled.
+    """The camera with its focus solved and its near and far planes settled.
 
-    Unless authored they are the ends of the depth of field (the union over microlens types), at least 10 % before and
-    behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The choice
-    affects conditioning only: what is computed for a target depends on it only by the rounding of stored images.
+    Unless authored, the planes are the ends of the depth of field (the union over microlens types), at least 10 %
+    before and behind the focus distance (of the middle type), at most twice it, and in front of the first vertex. The
+    choice affects conditioning only: results for a target depend on it only by the rounding of stored images.
     """
     camera = solved(camera)
-    each, middle = foci(camera), middle_focus(camera)
+    each = foci(camera)
+    middle = middle_focus(camera)
     if not math.isfinite(first_order(camera.prescription).efl_mm):
         raise CameraError("a lens without power focuses nothing")
     if camera.near_mm is not None and camera.far_mm is not None:

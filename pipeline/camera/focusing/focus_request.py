@@ -1,12 +1,11 @@
-"""Focus as intent: a camera that says what it shall do, and the camera whose parts stand so that it does.
+"""Focus as intent: a camera that states its focus, and the camera whose parts are placed to meet it.
 
-Paraxial; positions are vision z [mm]. The sensor moves, with the microlens array a fixed distance before it, and the
-lens stays; or else the sensor stays and named groups of the lens move together along the axis. Where the sensor moves,
-far objects have their images nearest to the lens, so the last vertex bounds what can be reached. A shift of groups is
-positive towards the sensor. It opens the air in front of each moving block of surfaces and closes the air behind it, so
-travel ends where surfaces touch within their clear apertures, or where the last vertex meets the sensor. A block that
-stands first has nothing before it; there the travel ends after ten focal lengths. The stop is set to an F-number, or to
-match the microlenses.
+Paraxial; positions are vision z [mm]. Either the sensor moves, with the microlens array at a fixed distance in front of
+it, or the sensor stays and named groups of the lens move together along the axis. If the sensor moves, distant objects
+have their images nearest to the lens, so the last vertex bounds the range. A shift of groups is positive towards the
+sensor. It opens the air in front of each moving block of surfaces and closes the air behind it, so travel ends where
+surfaces touch within their clear apertures, or where the last vertex meets the sensor. A block with nothing in front of
+it travels at most ten focal lengths. The stop is set to an F-number, or matched to the microlenses.
 """
 
 import dataclasses
@@ -26,13 +25,13 @@ from pipeline.optics.first_order import FirstOrder, first_order, paraxial_ray
 from pipeline.optics.prescription import Prescription, PrescriptionError, least_gap_mm
 
 KEPT = 1024
-"""Cameras whose focus a process remembers: three with a state in each of 200 frames are fewer."""
+"""Cameras whose focus a process remembers: three cameras with a state in each of 200 frames are fewer."""
 _LONGEST = 10.0
-"""Focal lengths that a block may travel with nothing in its way [1]: longer than any mount."""
+"""Travel of a block with nothing in its way, in focal lengths [1]: longer than any mount."""
 _STEPS = 400
 """Equal parts of the travel that are searched for a solution: two within one part would both be missed."""
 _BISECTIONS = 100
-"""Halvings of such a part at most: a double has 53 bits, and the search ends where it has no middle left."""
+"""Most bisections of such a part: a double has 53 bits, and the search ends when the bracket has no middle."""
 
 
 def moved(prescription: Prescription, names: tuple[str, ...], shift_mm: float) -> Prescription:
@@ -51,8 +50,8 @@ def travel_mm(prescription: Prescription, names: tuple[str, ...], film_mm: float
     """Least and greatest shift of groups before a plane (sensor or array) `film_mm` behind the stop."""
     low = high = _LONGEST * abs(first_order(prescription).efl_mm)
     for last, sign in _gaps(prescription, names):
-        room = least_gap_mm(*prescription.surfaces[last : last + 2])
-        low, high = (min(low, room), high) if sign > 0 else (low, min(high, room))
+        gap = least_gap_mm(*prescription.surfaces[last : last + 2])
+        low, high = (min(low, gap), high) if sign > 0 else (low, min(high, gap))
     if _moving(prescription, names)[-1]:
         high = min(high, film_mm - prescription.vertices_from_stop_mm[-1])
     return -low, high
@@ -61,9 +60,9 @@ def travel_mm(prescription: Prescription, names: tuple[str, ...], film_mm: float
 def shift_mm(
     prescription: Prescription, names: tuple[str, ...], film_mm: float, image_mm: float, object_mm: float
 ) -> float:
-    """The shift, the smallest one there is, with which the object at vision z has its image `image_mm` behind the stop.
+    """The smallest shift that images the object at vision z onto the plane `image_mm` behind the stop.
 
-    Raises CameraError: there is none; the hint says what distances are within reach.
+    Raises CameraError: there is none; the hint states the distances within reach.
     """
     low, high = travel_mm(prescription, names, film_mm)
 
@@ -83,46 +82,48 @@ def shift_mm(
 
 
 def _out_of_reach(moving: str, object_mm: float, near_mm: float, far_mm: float) -> CameraError:
-    place = f"{object_mm:g} mm from the stop" if math.isfinite(object_mm) else "infinity"
+    distance = f"{object_mm:g} mm from the stop" if math.isfinite(object_mm) else "infinity"
     reach = f"between {near_mm:.6g} and {far_mm:.6g} mm" if math.isfinite(far_mm) else f"beyond {near_mm:.6g} mm"
     hint = "within reach: " + ("no object at all" if math.isinf(near_mm) else f"distances {reach}")
-    return CameraError(f"no position of {moving} brings {place} into focus", hint=hint)
+    return CameraError(f"no position of {moving} brings {distance} into focus", hint=hint)
 
 
 def _gaps(prescription: Prescription, names: tuple[str, ...]) -> Iterator[tuple[int, float]]:
-    """Surfaces whose thickness changes, each with +1 or -1 for how."""
+    """Surfaces whose thickness changes, each with the sign of the change."""
     moving = _moving(prescription, names)
-    for i, (here, behind) in enumerate(pairwise(moving)):
-        if here == behind:
+    for i, (before, behind) in enumerate(pairwise(moving)):
+        if before == behind:
             continue
         if prescription.surfaces[i].is_before_glass:
             raise CameraError(f"between surfaces {i + 1} and {i + 2} there is glass, and only one of them would move")
-        yield i, -1.0 if here else 1.0
+        yield i, -1.0 if before else 1.0
 
 
 def _moving(prescription: Prescription, names: tuple[str, ...]) -> list[bool]:
-    known = {group.name: group for group in prescription.groups}
+    groups = {group.name: group for group in prescription.groups}
     for name in names:
-        if name not in known:
-            hint = f"its groups: {', '.join(known)}" if known else "a PlenLensGroup below the lens names surfaces"
+        if name not in groups:
+            hint = f"its groups: {', '.join(groups)}" if groups else "a PlenLensGroup below the lens names surfaces"
             raise CameraError(f'the lens has no group "{name}"', hint=hint)
-    held = {i for name in names for i in known[name].members}
-    if prescription.stop_index in held:
-        what = "the stop would move with its group, and it is the origin of the camera"
-        raise CameraError(what, hint="name the groups before or behind it")
-    return [i in held for i in range(len(prescription.surfaces))]
+    members = {i for name in names for i in groups[name].members}
+    if prescription.stop_index in members:
+        message = "the stop would move with its group, and it is the origin of the camera"
+        raise CameraError(message, hint="name the groups before or behind it")
+    return [i in members for i in range(len(prescription.surfaces))]
 
 
 def _miss(lens: Prescription, object_mm: float, image_mm: float) -> float:
-    """Height at the image plane of a paraxial ray from the axial object point; it vanishes where both are conjugate."""
+    """Height at the image plane of a paraxial ray from the axial object point; 0 if the two are conjugate."""
     vertices = lens.vertices_from_stop_mm
     # Of unit height or slope, whichever is the smaller number: infinity is no special case.
-    before, index = object_mm + vertices[0], lens.index_in_front
+    before = object_mm + vertices[0]
+    index = lens.index_in_front
     heights, slope = paraxial_ray(lens.surfaces, *((1.0, index / before) if before else (0.0, 1.0)), index)
     return heights[-1] + (image_mm - vertices[-1]) * slope
 
 
 def _bisected(miss: Callable[[float], float], low: float, high: float) -> float:
+    """Root of `miss` in a bracket by bisection."""
     at_low = miss(low)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
@@ -152,7 +153,7 @@ def _in_reach(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FocusRequest:
-    """A camera before it is focused; fields that it shares with `Camera` mean the same."""
+    """A camera before it is focused; fields shared with `Camera` have the same meaning."""
 
     prescription: Prescription
     sensor: Sensor
@@ -163,17 +164,16 @@ class FocusRequest:
     weight: str = "irradiance"
     # Distance from stop to sensor; None: `focus_distance_mm` decides. With `focus_groups` both are given.
     sensor_distance_mm: float | None = None
-    focus_distance_mm: float | None = None  # object distance from the stop that shall be in focus; may be inf
+    focus_distance_mm: float | None = None  # object distance from the stop to be in focus; may be inf
     focus_type: int | None = None  # microlens type that this holds for; None: the one of middle focal length
     # Groups of the lens that move together to meet the focus distance; empty: sensor and array do
     focus_groups: tuple[str, ...] = ()
-    # Whether the stop gets the diameter with which the exit pupil's image through a microlens vertex is as wide as the
-    # MLA pitch
+    # Whether to set the stop so that the exit pupil's image through a microlens vertex is as wide as the MLA pitch
     match_stop: bool = False
 
     @property
     def type(self) -> int | None:
-        """The microlens type that the focus distance refers to; None for a conventional camera."""
+        """The microlens type to which the focus distance refers; None for a conventional camera."""
         if self.microlenses is None:
             return None
         focal = self.microlenses.focal_lengths_mm
@@ -183,7 +183,7 @@ class FocusRequest:
 
 @functools.lru_cache(maxsize=KEPT)
 def solved(camera: Camera | FocusRequest) -> Camera:
-    """The camera that does what is asked; a CameraError whose hint says what can be done. A `Camera` asks nothing."""
+    """The camera that meets a request; a `Camera` is returned as it is. CameraError, with a remedy: none does."""
     if isinstance(camera, Camera):
         return camera
     shared = ("sensor", "microlenses", "circle_of_confusion_px", "near_mm", "far_mm", "weight")
@@ -214,23 +214,25 @@ def sensor_distance(request: FocusRequest) -> float:
 
 
 def group_shift(request: FocusRequest) -> float:
-    """Movement of the groups, + towards the sensor, that brings the requested object distance into focus. [mm]"""
+    """Shift of the groups, + towards the sensor, that brings the requested object distance into focus. [mm]"""
     wanted = request.focus_distance_mm
     if not request.focus_groups or wanted is None:
         return 0.0
-    array, film = request.microlenses, sensor_distance(request)
+    array = request.microlenses
+    film = sensor_distance(request)
     image = film - (_principal_mm(array, request.type)[1] if array else 0.0) + _image_behind_film(request)
     film -= array.reach_mm if array else 0.0
     return shift_mm(request.prescription, request.focus_groups, film, image, wanted)
 
 
 def reachable(request: FocusRequest) -> tuple[float, float]:
-    """Object distances that can be brought into focus: nearest and farthest, ends excluded but inf. [mm]
+    """Nearest and farthest object distances that can be brought into focus, both excluded unless inf. [mm]
 
     The nearest object stands before the lens and its front focus; for the farthest one the sensor, or the array,
     touches the last vertex.
     """
-    lens, vertices = first_order(request.prescription), request.prescription.vertices_from_stop_mm
+    lens = first_order(request.prescription)
+    vertices = request.prescription.vertices_from_stop_mm
     if not 0 < lens.efl_mm < math.inf:
         power = "without power" if math.isinf(lens.efl_mm) else f"with the focal length {lens.efl_mm:g} mm"
         raise CameraError(f"a lens {power} has no real image to focus")
@@ -264,9 +266,9 @@ def _principal_mm(array: MicrolensArray, kind: int | None) -> tuple[float, float
 
 
 def matched_stop_mm(lens: FirstOrder, array: MicrolensArray, sensor_distance_mm: float) -> float:
-    """Stop diameter with which the exit pupil's image through a microlens vertex is as wide as the MLA pitch. [mm]
+    """Stop diameter that images the exit pupil through a microlens vertex to the width of the MLA pitch. [mm]
 
-    Of microlenses with faces, the vertex is that of the principal planes of type 0.
+    For microlenses with faces, the vertex is that of the principal planes of type 0.
     """
     behind_mm, ahead_mm = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + sensor_distance_mm - ahead_mm
@@ -281,23 +283,23 @@ def with_matched_stop(camera: Camera) -> Camera:
     diameter = matched_stop_mm(first_order(prescription), array, camera.sensor_distance_mm)
     widest = widest_stop_mm(prescription, camera.sensor_distance_mm - array.principal_mm[0][1])
     if diameter > widest:
-        what = (
+        message = (
             f"microlenses of pitch {array.pitch_mm:g} mm, {array.distance_mm:g} mm before the sensor, match a stop of"
         )
         hint = (
             f"within reach: stops of up to {widest:.4g} mm; a larger distance or a smaller pitch matches a smaller one"
         )
-        raise CameraError(f"{what} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
+        raise CameraError(f"{message} {diameter:.4g} mm, wider than the lens lets through", hint=hint)
     return with_stop(camera, diameter)
 
 
 def stopped_down(camera: Camera, f_number: float) -> Camera:
-    """The camera with its stop set to an F-number of its lens, focus unchanged.
+    """The camera with its stop set to an F-number, focus unchanged.
 
     The F-number is that of camera.json, for objects at infinity: focal length over the diameter of the entrance pupil.
-    What the microlenses see is the working F-number at their plane.
+    The light at the microlenses is limited by the working F-number at their plane.
 
-    Raises CameraError: the lens does not open so far: the edge of another surface would limit the light on the axis.
+    Raises CameraError: the lens is not that fast: the edge of another surface would limit the light on the axis.
     """
     lens = first_order(camera.prescription)
     if lens.entrance_pupil.is_infinite:
@@ -309,8 +311,8 @@ def stopped_down(camera: Camera, f_number: float) -> Camera:
     ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
     widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
     if diameter > widest:
-        what = f"F/{f_number:g} needs a stop of {diameter:.4g} mm, wider than the lens lets through"
-        raise CameraError(what, hint=f"the lens opens to F/{math.ceil(f_number * diameter / widest * 1e3) / 1e3:g}")
+        message = f"F/{f_number:g} needs a stop of {diameter:.4g} mm, wider than the lens lets through"
+        raise CameraError(message, hint=f"the lens opens to F/{math.ceil(f_number * diameter / widest * 1e3) / 1e3:g}")
     try:
         return with_stop(camera, diameter)
     except PipelineError as error:
@@ -326,17 +328,19 @@ def with_stop(camera: Camera, diameter_mm: float) -> Camera:
 
 
 def widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
-    """Diameter at the stop of the paraxial cone from the axis of the film that all other surfaces let through."""
-    surfaces, heights = prescription.surfaces, [0.0] * len(prescription.surfaces)
-    height, slope = film_mm - prescription.vertices_from_stop_mm[-1], 1.0  # slope: times the index
+    """Diameter at the stop of the widest paraxial cone from the axis of the film that all other surfaces pass."""
+    surfaces = prescription.surfaces
+    heights = [0.0] * len(prescription.surfaces)
+    height = film_mm - prescription.vertices_from_stop_mm[-1]
+    slope = 1.0  # slope: times the index
     for i in reversed(range(len(surfaces))):
         heights[i] = height
         in_front = surfaces[i - 1].index if i else 1.0
         slope -= height * surfaces[i].power_per_mm(in_front)
         height += slope * surfaces[i - 1].thickness_mm / in_front if i else 0.0
     at_stop = abs(heights[prescription.stop_index])
-    others = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]
-    return 2 * min((s.semi_diameter_mm * at_stop / y for s, y in others), default=math.inf)
+    rims = [(s, abs(y)) for s, y in zip(surfaces, heights, strict=True) if not s.is_stop and y]
+    return 2 * min((s.semi_diameter_mm * at_stop / y for s, y in rims), default=math.inf)
 
 
 def shown_f_number(f_number: float) -> str:

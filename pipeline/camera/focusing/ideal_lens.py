@@ -1,8 +1,8 @@
 """Model cameras: the rig with an ideal lens in place of its prescription, as calibrations assume one.
 
 The lens is a plane in the aperture stop, the origin of the camera, with the focal length of the real one: a
-collineation, without aberrations, glass or assembly errors; on request its image is distorted by Brown's polynomial.
-The same object plane is in focus, counted from the stop.
+collineation, without aberrations, glass or assembly errors, optionally with Brown's distortion. The object plane in
+focus, counted from the stop, is unchanged.
 """
 
 import math
@@ -20,21 +20,21 @@ _PINHOLE_SEMI_DIAMETER_MM = 1e-4
 """Semi-diameter of the stop of a pinhole [mm]. J depends on its square over that of the object's distance: at 10 mm by
 1e-10 of the distance from the axis, and farther away by less than rounding."""
 _COEFFICIENTS = 5
-"""Of a distortion: k1, k2, p1, p2, k3 of OpenCV [1]."""
+"""Number of distortion coefficients: k1, k2, p1, p2, k3 of OpenCV."""
 _AT_FOCUS = 1e-9
-"""Distance from the front focus over the focal length at which an object has no image [1], but for rounding."""
+"""Distance from the front focus over the focal length below which an object has no image [1]: rounding."""
 
 
 def with_ideal_lens(
     camera: Camera | FocusRequest, model: str, distortion: tuple[float, ...] = ()
 ) -> Camera | FocusRequest:
-    """The camera with a thin lens or a pinhole in place of its lens; `prescription` leaves it as it is.
+    """The camera with a thin lens or a pinhole in place of its lens; `prescription` leaves it unchanged.
 
-    A thin lens has the real entrance pupil's diameter, and so its F-number. The sensor moves with its array to where
-    the object plane that the real lens images onto sensor or array is in focus again.
+    A thin lens has the real entrance pupil's diameter, and so its F-number. The sensor and its array move until the
+    object plane that the real lens images onto sensor or array is in focus again.
 
     `distortion`: k1, k2, p1, p2, k3 of OpenCV in the plane of the sensor, or of the microlenses; empty: none. A camera
-        with distortion is focused at once, because its image must stand somewhere.
+        with distortion is focused at once, because its image plane must be known.
     Raises CameraError or PrescriptionError: the lens has no positive focal length, nothing before it is in focus, or
         its distortion folds the image.
     """
@@ -69,7 +69,7 @@ def _focused_alike(camera: Camera | FocusRequest, model: str) -> Camera | FocusR
 
 
 def _sensor_mm(camera: Camera | FocusRequest, real: FirstOrder, ideal: FirstOrder) -> float:
-    """Distance from the ideal lens to the sensor that keeps the plane in focus. [mm]"""
+    """Distance from the ideal lens to the sensor that keeps the object plane in focus. [mm]"""
     if camera.sensor_distance_mm is None:
         raise CameraError("neither a sensor distance nor a focus distance is given", hint="give one of them")
     reach_mm = camera.microlenses.reach_mm if camera.microlenses else 0.0
@@ -84,7 +84,8 @@ def _sensor_mm(camera: Camera | FocusRequest, real: FirstOrder, ideal: FirstOrde
 
 def _distorted(camera: Camera, distortion: tuple[float, ...]) -> Camera:
     """The camera of one ideal lens with its image distorted on sensor or array."""
-    reach_mm, sensor = camera.microlenses.reach_mm if camera.microlenses else 0.0, camera.sensor
+    reach_mm = camera.microlenses.reach_mm if camera.microlenses else 0.0
+    sensor = camera.sensor
     image_mm = camera.sensor_distance_mm - reach_mm
     corner = math.hypot(*sensor.farthest_corner_mm) / image_mm
     reached = largest_radius(distortion, corner)

@@ -1,7 +1,11 @@
-"""Single rays through given points of the sampling plane: what passes, what blocks the rest, and sums over nodes.
+"""Single rays through given points of the sampling plane: their obstacles, and sums of moments over quadrature nodes.
+
+A bundle's moment is the integral of weight times crossing over the region within its boundary, in polar coordinates
+about an interior point: sum over directions and radial nodes of w r dr dphi, with Gauss-Legendre nodes along the
+radius.
 
 Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`. Rays come sorted by the sensor
-position (`owner`) that they start from; `microlens` is that of each position.
+position (`owner`) from which they start; `microlens` is that of each position.
 """
 
 from typing import NamedTuple
@@ -25,13 +29,13 @@ _GOLDEN_U, _GOLDEN_V = 0.7548776662466927, 0.5698402909980532
 
 
 class Spans(NamedTuple):
-    """Ways from inner points of bundles to the edge, in pieces on which the weight is smooth."""
+    """Radii from interior points of bundles to the boundary, in pieces on which the weight is smooth."""
 
-    centres: np.ndarray  # (n, 2) float64, inner points [mm]
+    centres: np.ndarray  # (n, 2) float64, interior points [mm]
     owner: np.ndarray  # (m,) int64, sensor position of each, ascending
     along: np.ndarray  # (m, 2) float64, unit vector of its direction
-    share: np.ndarray  # (m,) float64, angle that it stands for [rad]
-    # (m, pieces) float64, of its pieces [mm]
+    share: np.ndarray  # (m,) float64, angle that it represents [rad]
+    # (m, pieces) float64, pieces of the radius [mm]
     start: np.ndarray
     length: np.ndarray
 
@@ -50,16 +54,16 @@ class SingleHits(NamedTuple):
 
 
 def empty_hits(count: int) -> SingleHits:
-    """Arrays for so many rays."""
+    """Arrays for `count` rays."""
     return SingleHits(np.empty((count, 2)), np.empty(count), np.empty(count, bool))
 
 
 @kernel
 def bounds(camera, positions, microlens, polygons, counts, free):
-    """Polygons that enclose what passes, and the weight of all rays through each position's own microlens [sr].
+    """Polygons that enclose the passing rays, and the weight of all rays through each position's own microlens [sr].
 
     `polygons`, `counts`, `free`: (n, MAX_VERTICES, 2) counter-clockwise, (n,), (n,), written; 0: nothing passes, or
-        there is no microlens.
+    there is no microlens.
     """
     region = new_region()
     polygon = region.polygon
@@ -79,7 +83,7 @@ def bounds(camera, positions, microlens, polygons, counts, free):
 
 @kernel
 def spread(polygons, counts, points):
-    """Fill polygons evenly with points (n, m, 2), written."""
+    """Write points (n, m, 2) that fill polygons evenly."""
     cumulative = np.empty(polygons.shape[1])
     for n in range(points.shape[0]):
         cx, cy, _ = fan(polygons[n], counts[n], cumulative)
@@ -92,12 +96,12 @@ def spread(polygons, counts, points):
 def probe(camera, positions, microlens, owner, points, is_named, label):
     """Trace the ray from a sensor position, `owner`, ascending, through each point of the sampling plane (m, 2).
 
-    `label`: (m,), written: whether it passes, or what blocks it. Names of that, see `label_packet`, cost more; else all
-        of these are 0.
+    `label`: (m,), written: PASSES or the obstacle. Naming obstacles, see `label_packet`, costs more; otherwise their
+    label is 0.
     """
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
-    here = np.empty(PACKET, np.int64)
-    labels = Labels(here, np.empty(PACKET))
+    obstacle = np.empty(PACKET, np.int64)
+    labels = Labels(obstacle, np.empty(PACKET))
     for first in range(0, owner.shape[0], PACKET):
         size = min(PACKET, owner.shape[0] - first)
         part = slice(first, first + size)
@@ -108,17 +112,19 @@ def probe(camera, positions, microlens, owner, points, is_named, label):
             send_mixed(camera, microlens, owner[part], start, size, packet)
         for i in range(size):
             passes = PASSES if packet.alive[i] > 0.0 else 0
-            label[first + i] = here[i] if is_named else passes
+            label[first + i] = obstacle[i] if is_named else passes
 
 
 @kernel
-def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
-    """Sum moments on two planes (n, 2, 4, 3) of each position over nodes of a quadrature; returns the number of nodes.
+def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pass):
+    """Sum moments on two planes (n, 2, 4, 3) of each position over quadrature nodes; returns the number of nodes.
 
-    Sums do not depend on what else is in a packet: rays of one position follow each other from its first on.
-    `rule`: along each piece of a way.
-    `moments`, `whole`: (n, COLUMNS), (n,), written where a position has nodes, but for the free weight; all nodes pass.
+    Sums do not depend on the other rays of a packet: rays of one position follow each other from its first on.
+    `rule`: along each piece of a radius.
+    `moments`, `all_pass`: (n, COLUMNS), (n,), written where a position has nodes, except the free weight; whether all
+    nodes pass.
     """
+    # Lay out the nodes of all radii.
     most = rays.start.size * rule.node.shape[0]
     owner, points, measure = np.empty(most, np.int64), np.empty((most, 2)), np.empty(most)
     count = _lay(rays, rule, owner, points, measure)
@@ -126,23 +132,26 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     alive, weight, crossing = packet.alive, packet.weight, np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    started, first = False, 0
+    started = False
+    first = 0
     while first < owner.shape[0]:
+        # Trace a packet of complete runs, each the rays of one position.
         size = _several(owner, first)
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start, packet)
         send_mixed(camera, microlens, owner[part], start, size, packet)
+        # Add each run to the sums of its position, and finish those that are complete.
         begin = 0
         while begin < size:
-            here, n = first + begin, owner[first + begin]
+            k, n = first + begin, owner[first + begin]
             end = begin + _stretch(owner[part], begin)
-            if here == 0 or owner[here - 1] != n:
+            if k == 0 or owner[k - 1] != n:
                 clear(sums, total)
-                started, whole[n] = False, True
+                started, all_pass[n] = False, True
             for i in range(begin, end):
                 weight[i] *= measure[first + i]
                 if not alive[i] > 0.0:
-                    whole[n] = False
+                    all_pass[n] = False
             cross_packet(planes[n, 0], planes[n, 1], packet, begin, end, crossing)
             started = started or set_pivot(crossing, alive, begin, end, pivot)
             if started:
@@ -157,7 +166,7 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, whole):
 
 @inline
 def _lay(rays, rule, owner, points, measure):
-    """Lay nodes along all ways, each with the area that it stands for [mm^2]; their number: pieces may be empty."""
+    """Lay out nodes along all radii, each with its area [mm^2]; returns their number, because pieces may be empty."""
     count = 0
     for d in range(rays.owner.shape[0]):
         n, cx, cy = rays.owner[d], rays.along[d, 0], rays.along[d, 1]
@@ -177,7 +186,7 @@ def _lay(rays, rule, owner, points, measure):
 
 @kernel
 def hits(camera, planes, positions, microlens, owner, points, hit):
-    """Trace the ray through each point, as in `probe`, to the plane (n, 4, 3) of its position; `hit` is written."""
+    """Trace the ray through each point, as in `probe`, to the plane (n, 4, 3) of its position; writes `hit`."""
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
     x, y, z, dx, dy, dz, alive, _, weight = packet
     on_plane, density, passes = hit
@@ -194,7 +203,7 @@ def hits(camera, planes, positions, microlens, owner, points, hit):
 
 @inline
 def _set_rays(positions, owner, points, start, packet):
-    """Set where the rays of a packet start, and the points that they go through."""
+    """Set the starts of the rays of a packet and the points that they pass through."""
     for i in range(owner.shape[0]):
         start.x[i], start.y[i] = positions[owner[i], 0], positions[owner[i], 1]
         packet.x[i], packet.y[i] = points[i, 0], points[i, 1]
@@ -202,7 +211,7 @@ def _set_rays(positions, owner, points, start, packet):
 
 @inline
 def _stretch(owner, first):
-    """Number of rays from `first` on, at most PACKET, that start from the same position."""
+    """Number of rays from `first` on, at most PACKET, that share its position."""
     size = 1
     while size < PACKET and first + size < owner.shape[0] and owner[first + size] == owner[first]:
         size += 1
@@ -211,7 +220,7 @@ def _stretch(owner, first):
 
 @inline
 def _several(owner, first):
-    """Number of rays from `first` on that fill a packet with whole stretches."""
+    """Number of rays from `first` on that fill a packet with complete runs."""
     size = _stretch(owner, first)
     while first + size < owner.shape[0]:
         more = _stretch(owner, first + size)

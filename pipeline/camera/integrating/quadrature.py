@@ -1,16 +1,20 @@
-"""Integrals over bundles by quadrature over the traced edge of what passes; vision frame, mm.
+"""Integrals over bundles by quadrature within their traced boundary; vision frame, mm.
 
-The edge is found by real rays, because only the trace knows what passes. From an inner point, nodes of
-Gauss and Legendre along the radius times nodes over the angle: evenly spaced ones where the edge is one smooth curve
-(then their error falls faster than any power of their number), else those of Gauss and Legendre on each arc between two
-corners. A corner is where the aperture that blocks changes. All of it needs a region that is star-shaped about the
-point; one that is not is reported, not integrated.
+The boundary of the pupil is found by real rays, because only the trace knows which rays pass. About an interior point,
+with R(phi) the radius of the boundary, an integral is
 
-A ring has no point from which all of it is seen. But it is what would pass without the obstruction, less what would
-meet it, and both are star-shaped: so each is integrated by itself, about a point of its own.
+    I = integral over phi of integral over r from 0 to R(phi) of f(r, phi) r dr dphi
 
-Hits of single nodes are smooth functions of the sensor position, which random rays' are not, where nodes are polar:
-about one inner point for all positions near each other, at shares of the way to the traced edge.
+Gauss-Legendre nodes run along the radius. Over the angle they are evenly spaced where the boundary is one smooth curve,
+for which the error falls faster than any power of their number, and Gauss-Legendre on each arc between two corners
+otherwise. A corner is a direction in which the blocking aperture changes. All this requires a region that is
+star-shaped about the point; one that is not is reported, not integrated.
+
+A ring is not star-shaped about any point. But it is the region that passes without the obstruction, less the region
+that the obstruction would block, and both are star-shaped: each is integrated about a point of its own.
+
+Rays through polar nodes about one interior point for all neighbouring positions, at fixed fractions of the radius of
+the boundary, have hits that are smooth functions of the position, unlike those of random rays.
 """
 
 from collections.abc import Callable
@@ -23,7 +27,7 @@ from pipeline.camera import boundary
 from pipeline.camera.integrating import edge_kernels
 from pipeline.camera.integrating.edge_kernels import Rule, Spans
 from pipeline.camera.integrating.edge_search import PASSES
-from pipeline.camera.integrating.ways import PROBES, Ways, holds_all
+from pipeline.camera.integrating.radials import PROBES, StarRegions, agrees_with_probes
 from pipeline.camera.parts.polygon import MAX_VERTICES
 from pipeline.camera.tracing.microlens_kernels import AIM
 from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIGHT, mixed
@@ -33,50 +37,47 @@ from pipeline.optics.table import without_obstructions
 from pipeline.records.shapes import Bool, Float64, Int64
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
-"""Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an inner point."""
+"""Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an interior point."""
 
 _FIRST_DIRECTIONS = 48
-"""Directions in which the edge is looked at before any of its corners is known: 7.5 degrees apart."""
+"""Directions of the first search for the boundary, before any corner is known: 7.5 degrees apart."""
 _FIRST_STEPS = 8
-"""Bisections there, for the middle of what passes: to 1/256 of the way, and any point well inside will do."""
+"""Bisections of that search where only a centroid is needed: to 1/256 of the radius; any point well inside will do."""
 _INNER_PROBES = 256
-"""Points all over the polygon that are tried where its middle is dark: a region of a few hundredths of it is found."""
+"""Points over the polygon that are tried where its middle is dark: a region of a few hundredths of it is found."""
 _ROWS_AT_ONCE = 256
-"""Regions of which such points are tried together: bounds memory, and no result depends on it."""
+"""Regions whose points are tried together: bounds memory, and no result depends on it."""
 _LEAST_PER_ARC = 4
-"""Nodes on the shortest arc of a result: exact up to the seventh degree. Finer levels have more, and the coarser one
-that a result is compared with fewer: what all levels integrate alike, their differences do not show."""
+"""Nodes on the shortest arc of a result: exact up to the seventh degree. Finer levels have more, and the coarser level
+of an error estimate fewer: a difference does not show errors that both levels share."""
 _LEAST = 1e-6
-"""Share of the light that obstructions leave below which a bundle is empty [1]: edges are known to 3e-8."""
+"""Share of the light behind obstructions below which a bundle is empty [1]: boundaries are known to 3e-8."""
 _INSIDE = 1 - 1e-7
-"""Place of the outermost rays over that of the edge [1]: they must pass, and edges are known to 3e-8 of the way."""
+"""Radius of the outermost rays over that of the boundary [1]: they must pass, and it is known to 3e-8."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """Work that an integral may cost."""
-
-    # Bisections of the direction of a corner, and of the edge for each of them
+    # Bisections of the direction of a corner, and of the boundary for each of them
     corner_steps: int
     corner_edge_steps: int
-    edge_steps: int  # bisections of the edge in the direction of a node
+    edge_steps: int  # bisections of the boundary in the direction of a node
 
 
 FINE = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=24)
-"""Effort for results: corners to 0.007 degrees, edges to 3e-8 of their way."""
+"""Effort for results: corners to 0.007 degrees, boundaries to 3e-8 of their radius."""
 ROUGH = Effort(corner_steps=5, corner_edge_steps=12, edge_steps=20)
-"""Effort for steps on the way to a result: corners to 0.2 degrees, edges to 5e-7 of their way. It is held against rays
-over the whole bound, too: a step that sees one piece of two goes far astray."""
+"""Effort for intermediate steps: corners to 0.2 degrees, boundaries to 5e-7 of their radius. Probes over the polygon
+check these, too: a step that sees one piece of two goes far astray."""
 STEADY = Effort(corner_steps=10, corner_edge_steps=18, edge_steps=44)
-"""Effort for differences of neighbours that may err by 1e-4 of themselves: edges to rounding."""
+"""Effort for finite differences with a relative error of 1e-4: boundaries to rounding."""
 SMOOTH = Effort(corner_steps=28, corner_edge_steps=44, edge_steps=44)
-"""Effort for differences of neighbours, to rounding: where one of two rims moves, the edge moves on one side of a
-corner alone, and an error of the corner is one of the difference.
-"""
+"""Effort for finite differences to rounding: if one of two rims moves, the boundary moves on one side of a corner only,
+and an error of the corner becomes one of the difference."""
 
 
 class Outcome(NamedTuple):
-    """Moments (n, COLUMNS), as of `Tracer.moments`; EMPTY, INTEGRATED or NOT_STAR_SHAPED (n,); and rays traced."""
+    """Moments (n, COLUMNS), as from `Tracer.moments`; EMPTY, INTEGRATED or NOT_STAR_SHAPED (n,); and rays traced."""
 
     moments: np.ndarray
     status: np.ndarray
@@ -84,46 +85,55 @@ class Outcome(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Edges(Ways):
-    """Regions that rays pass, and the means to integrate over them."""
+class Edges(StarRegions):
+    """Regions with the corners of their boundaries, ready for integration."""
 
     corners: boundary.Corners
-    rays: int  # traced so far
+    rays: int  # traced
     effort: Effort
 
     def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
-        """Integrate all bundles on two planes of each.
+        """Integrate all bundles on two planes each.
 
         `nodes`: along the radius, and over the full circle.
-        `is_last`: whether it is a result, and no finer level follows: rays over the whole bound are held against that.
+        `is_last`: whether this is the finest level: its result is checked against probes over the polygon.
         """
         n = len(self.positions)
-        result, status = np.full((n, COLUMNS), np.nan), np.full(n, EMPTY)
+        result = np.full((n, COLUMNS), np.nan)
+        status = np.full(n, EMPTY)
+        # Choose the directions of the quadrature, and find the boundary along each.
         least = max(nodes[0] // 2, _LEAST_PER_ARC if is_last else 0)
-        owner, angle, share = boundary.directions(self.lit, self.corners, nodes[1], least)
-        radius, _, limit, rays = self.find(owner, angle, self.effort.edge_steps)
+        owner, angle, share = boundary.directions(self.nonempty, self.corners, nodes[1], least)
+        radius, _, limit, rays = self.edge_points(owner, angle, self.effort.edge_steps)
         if len(owner):
+            # Sum moments over Gauss-Legendre nodes along each radius.
             along = boundary.unit_vectors(angle)
-            ways = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
-            whole, rule = np.zeros(n, bool), Rule(*boundary.unit_nodes(nodes[0]))
+            spans = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
+            rule = Rule(*boundary.unit_nodes(nodes[0]))
+            star_shaped = np.zeros(n, bool)
             given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
-            count = edge_kernels.integrate(*given, ways, rule, result, whole)
+            count = edge_kernels.integrate(*given, spans, rule, result, star_shaped)
             edge_kernels.integrate.count(count, len(self.arrays.table))
             rays += count + len(owner)
-            whole &= self.nothing_beyond(owner, along, radius, limit)
+            # Reject regions that are not star-shaped: by a ray beyond each boundary point, and by probes all over.
+            star_shaped &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
-                held, more = holds_all(self, owner, angle, radius, share, PROBES * nodes[1])
-                whole, rays = whole & held, rays + more
-            status[owner] = np.where(whole, INTEGRATED, NOT_STAR_SHAPED)[owner]
+                agrees, more = agrees_with_probes(self, owner, angle, radius, share, PROBES * nodes[1])
+                star_shaped &= agrees
+                rays += more
+            status[owner] = np.where(star_shaped, INTEGRATED, NOT_STAR_SHAPED)[owner]
+        # Quadrature has no variance; an empty bundle has weight 0.
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
         return Outcome(result, status, rays)
 
     def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Starts and lengths of the parts of each way to the edge, (m, parts), within which the weight is smooth."""
+        """Starts and lengths of the pieces of each radius within which the weight is smooth, (m, pieces)."""
         # The acceptance of a cone has a kink where its roll-off begins: a circle about the foot of the sensor position.
-        optics, microlenses, half_angle = self.arrays.optics, self.arrays.microlenses, self.arrays.acceptance.half_angle
+        optics = self.arrays.optics
+        microlenses = self.arrays.microlenses
+        half_angle = self.arrays.acceptance.half_angle
         if not half_angle > 0.0:
             return np.zeros((len(owner), 1)), radius[:, None]
         height: float | np.ndarray = optics.sampling_z_mm - optics.sensor_z_mm
@@ -143,19 +153,23 @@ def edges(
     positions_mm: Float64[np.ndarray, "n 2"],
     microlens: Int64[np.ndarray, "n"],
     effort: Effort = FINE,
-    within: Ways | None = None,
+    within: StarRegions | None = None,
 ) -> Edges:
-    """Find inner points and corners of what passes for sensor positions (n, 2) behind their microlenses (n,), of
-    regions that lie within others, if given, all over those."""
+    """Find interior points and corners of the regions of sensor positions (n, 2) behind their microlenses (n,).
+
+    `within`: regions that contain them, in which interior points are searched.
+    """
     return _with_corners(replace(inner_points(arrays, positions_mm, microlens, within), effort=effort))
 
 
 def _with_corners(bundles: Edges) -> Edges:
-    owner, angle = bundles.spokes(_FIRST_DIRECTIONS)
-    # Behind a lens alone a rim begins to cut towards the axis or away from it: an arc is seen there however short.
+    """The regions with the corners of their boundaries."""
+    owner, angle = bundles.directions(_FIRST_DIRECTIONS)
+    # Behind a lens alone a rim first cuts the pupil towards the axis or away from it: rotated to start there, the
+    # directions catch an arc however short.
     turn = np.where(bundles.microlens == NO_MICROLENS, np.arctan2(*bundles.positions.T[::-1]), 0.0)
-    # What blocks far outside of the edge need not be what cuts it: corners want sharp edges.
-    _, label, _, fine = bundles.find(owner, angle + turn[owner], bundles.effort.corner_edge_steps)
+    # The obstacle far outside of the boundary need not be the one at it: corners need a sharp boundary.
+    _, label, _, fine = bundles.edge_points(owner, angle + turn[owner], bundles.effort.corner_edge_steps)
     corners, again = _corners(bundles, label, turn)
     return replace(bundles, corners=corners, rays=bundles.rays + fine + again)
 
@@ -164,85 +178,98 @@ def inner_points(
     arrays: CameraArrays,
     positions_mm: Float64[np.ndarray, "n 2"],
     microlens: Int64[np.ndarray, "n"],
-    within: Ways | None = None,
+    within: StarRegions | None = None,
 ) -> Edges:
-    """The same without corners."""
+    """Find the interior points of the regions of sensor positions, without corners.
+
+    `within`: regions that contain them, in which interior points are searched.
+    """
+    # Bound the regions, and find a lit point in each.
     bundles = bounded(arrays, positions_mm, microlens)
-    rays = _settle_centres(bundles, within)
-    owner, angle = bundles.spokes(_FIRST_DIRECTIONS)
-    radius, _, _, more = bundles.find(owner, angle, _FIRST_STEPS)
+    rays = _find_centres(bundles, within)
+    # Move it to the centroid of a coarse boundary.
+    owner, angle = bundles.directions(_FIRST_DIRECTIONS)
+    radius, _, _, more = bundles.edge_points(owner, angle, _FIRST_STEPS)
     return replace(bundles, rays=rays + more + _move_to_middle(bundles, owner, radius))
 
 
 def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]) -> Edges:
-    """Only the polygons that enclose what passes; inner points are NaN."""
-    positions, microlens = np.ascontiguousarray(positions_mm, float), np.ascontiguousarray(microlens, np.int64)
+    """Regions with only the polygons that enclose them; interior points are NaN."""
+    positions = np.ascontiguousarray(positions_mm, float)
+    microlens = np.ascontiguousarray(microlens, np.int64)
     n = len(positions)
-    polygons, counts, free = np.zeros((n, MAX_VERTICES, 2)), np.zeros(n, np.int64), np.zeros(n)
+    polygons = np.zeros((n, MAX_VERTICES, 2))
+    counts = np.zeros(n, np.int64)
+    free = np.zeros(n)
     edge_kernels.bounds(arrays, positions, microlens, polygons, counts, free)
     none = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
     return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), none, 0, FINE)
 
 
-def _settle_centres(bundles: Edges, within: Ways | None) -> int:
-    """Write an inner point of every region: the middle of its polygon where that is lit, else one of a search."""
+def _find_centres(bundles: Edges, within: StarRegions | None) -> int:
+    """Write an interior point of every region: the middle of its polygon if that is lit, else one of a search."""
     candidates = np.flatnonzero(bundles.counts >= 3)
     inside = np.arange(MAX_VERTICES) < bundles.counts[candidates, None]
     middle = (bundles.polygons[candidates] * inside[..., None]).sum(axis=1) / bundles.counts[candidates, None]
     passed = bundles.probe(candidates, middle) == PASSES
     bundles.centres[candidates[passed]] = middle[passed]
-    rays = len(candidates) + _try(bundles, candidates[~passed], lambda rows: bundles.spread(rows, _INNER_PROBES))
+    rays = len(candidates)
+    rays += _probe_for_centres(bundles, candidates[~passed], lambda rows: bundles.spread(rows, _INNER_PROBES))
     if within is not None:
-        rays += _try(bundles, candidates[np.isnan(bundles.centres[candidates, 0])], within.all_over)
+        rays += _probe_for_centres(bundles, candidates[np.isnan(bundles.centres[candidates, 0])], within.points_inside)
     return rays
 
 
-def _try(bundles: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
-    """Write an inner point of some regions: the middle one of those points (rows, m, 2) that are lit."""
+def _probe_for_centres(bundles: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
+    """Write an interior point of some regions: the middle one of the lit points among (rows, m, 2)."""
     rays = 0
     for first in range(0, len(rows), _ROWS_AT_ONCE):
-        some = rows[first : first + _ROWS_AT_ONCE]
-        points = points_of(some)
-        label = bundles.probe(np.repeat(some, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
-        bundles.centres[some], rays = boundary.inner_points(points, label == PASSES), rays + label.size
+        batch = rows[first : first + _ROWS_AT_ONCE]
+        points = points_of(batch)
+        label = bundles.probe(np.repeat(batch, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
+        bundles.centres[batch] = boundary.inner_points(points, label == PASSES)
+        rays = rays + label.size
     return rays
 
 
 def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
-    """Move inner points to the centroids of their regions, which the first directions enclose, where those pass."""
-    n, angle = len(bundles.positions), boundary.even_angles(_FIRST_DIRECTIONS)
-    area, lever, points = np.bincount(owner, 1.5 * radius**2, n), radius**3, len(owner) // len(angle)
+    """Move interior points to the centroids of their regions, within the first directions, if those are lit."""
+    n = len(bundles.positions)
+    angle = boundary.even_angles(_FIRST_DIRECTIONS)
+    area = np.bincount(owner, 1.5 * radius**2, n)
+    lever = radius**3
+    points = len(owner) // len(angle)
     along = np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
     moved = np.stack([np.bincount(owner, lever * part, n) for part in along], axis=1)
-    some = np.flatnonzero(area > 0)
-    middle = bundles.centres[some] + moved[some] / area[some, None]
-    passed = bundles.probe(some, middle) == PASSES
-    bundles.centres[some[passed]] = middle[passed]
-    return len(some)
+    nonempty = np.flatnonzero(area > 0)
+    middle = bundles.centres[nonempty] + moved[nonempty] / area[nonempty, None]
+    passed = bundles.probe(nonempty, middle) == PASSES
+    bundles.centres[nonempty[passed]] = middle[passed]
+    return len(nonempty)
 
 
 def _corners(bundles: Edges, label: np.ndarray, turn: np.ndarray) -> tuple[boundary.Corners, int]:
-    """Corners of all edges from their labels in the first directions, turned by (n,), and the number of rays."""
+    """Corners of all boundaries from their labels in the first directions, rotated by (n,), and the number of rays."""
     rays = 0
 
     def label_at(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
         nonlocal rays
-        _, label, _, more = bundles.find(owner, angle, bundles.effort.corner_edge_steps)
+        _, label, _, more = bundles.edge_points(owner, angle, bundles.effort.corner_edge_steps)
         rays += more
         return label
 
     each = label.reshape(-1, _FIRST_DIRECTIONS)
-    return boundary.corners(label_at, bundles.lit, each, bundles.effort.corner_steps, turn[bundles.lit]), rays
+    return boundary.corners(label_at, bundles.nonempty, each, bundles.effort.corner_steps, turn[bundles.nonempty]), rays
 
 
 class Regions(NamedTuple):
-    """Regions with signs: what passes without obstructions, first, and what would meet them."""
+    """Signed regions: first the one without obstructions, then those that obstructions would block."""
 
     parts: list[tuple[float, Edges]]
 
     @property
     def rays(self) -> int:
-        """Traced so far."""
+        """Number of rays traced."""
         return sum(part.rays for _, part in self.parts)
 
     def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
@@ -252,25 +279,28 @@ class Regions(NamedTuple):
             return each[0]
         moments = np.stack([part.moments for part in each], axis=1)
         outcomes = np.stack([part.status for part in each], axis=1)
-        result, outcome = mixed(moments, np.array([sign for sign, _ in self.parts])), outcomes[:, 0].copy()
+        result = mixed(moments, np.array([sign for sign, _ in self.parts]))
+        outcome = outcomes[:, 0].copy()
         result[:, FREE_WEIGHT] = moments[:, 0, FREE_WEIGHT]
         outcome[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
         outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
-        result[outcome == EMPTY, :WEIGHT], result[outcome == EMPTY, WEIGHT] = np.nan, 0.0
+        result[outcome == EMPTY, :WEIGHT] = np.nan
+        result[outcome == EMPTY, WEIGHT] = 0.0
         return Outcome(result, outcome, sum(part.rays for part in each))
 
     def next_to(
         self, arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]
     ) -> "Regions":
-        """The regions of a camera and positions next to these: inner points and directions of corners stay, so that
-        integrals over both differ smoothly, and only edges are found again.
+        """The regions of a neighbouring camera or of neighbouring positions, with interior points and corners frozen.
+
+        Integrals over both differ smoothly; only boundaries are found again.
         """
         tables = [table for _, table in without_obstructions(arrays.table)]
         moved = []
         for (sign, part), table in zip(self.parts, tables, strict=True):
             behind = np.where(part.microlens == SKIP, SKIP, microlens)
-            there = bounded(arrays._replace(table=table), positions_mm, behind)
-            moved.append((sign, replace(there, centres=part.centres, corners=part.corners, effort=part.effort)))
+            neighbour = bounded(arrays._replace(table=table), positions_mm, behind)
+            moved.append((sign, replace(neighbour, centres=part.centres, corners=part.corners, effort=part.effort)))
         return Regions(moved)
 
 
@@ -281,33 +311,33 @@ def regions(
     effort: Effort = FINE,
 ) -> Regions:
     """Find the regions of sensor positions (n, 2) behind their microlenses (n,)."""
-    (sign, table), *others = without_obstructions(arrays.table)
-    whole = edges(arrays._replace(table=table), positions_mm, microlens, effort)
-    lit = np.where(np.isnan(whole.centres[:, 0]), SKIP, microlens)
-    taken = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, whole)) for s, part in others]
-    return Regions([(sign, whole), *taken])
+    (sign, table), *obstructed = without_obstructions(arrays.table)
+    outer = edges(arrays._replace(table=table), positions_mm, microlens, effort)
+    lit = np.where(np.isnan(outer.centres[:, 0]), SKIP, microlens)
+    blocked = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, outer)) for s, part in obstructed]
+    return Regions([(sign, outer), *blocked])
 
 
 @dataclass(frozen=True, slots=True)
 class Hits:
-    """Rays of n positions at a directions and r shares of the radius."""
+    """Hits of rays of n positions, in a directions and at r fractions of the radius."""
 
     on_plane: Float64[np.ndarray, "n a r 2"]  # coordinates on the plane of each position
-    # Weight per area of the unit disc: the integral over a bundle is that of density times share d(share) d(angle)
+    # Weight per area of the unit disc: the integral over a bundle is that of density times s ds dphi, s the fraction
     density_sr: Float64[np.ndarray, "n a r"]
     angle: Float64[np.ndarray, "a"]  # from each direction to the next [rad]
-    # Whether every ray passes, none beyond the edge, and rays all over the bound where the edge says: the bundle is
-    # star-shaped about its inner point, and all of it
-    whole: Bool[np.ndarray, "n"]
+    # Whether every ray passes, none does beyond the boundary, and probes over the polygon agree with it: the region is
+    # star-shaped about its interior point, and complete
+    is_star_shaped: Bool[np.ndarray, "n"]
 
 
 class Polar(NamedTuple):
-    """Nodes about an inner point."""
+    """Nodes in polar coordinates about an interior point."""
 
-    shares: np.ndarray  # (r,) float64, shares of the way from the inner point to the edge
+    shares: np.ndarray  # (r,) float64, fractions of the radius of the boundary
     directions: int  # evenly spaced: a multiple of 16
-    has_corners: bool = False  # also directions of corners, as of `boundary.between`: at least as many
-    about: int = 0  # the position whose inner point serves all of them
+    has_corners: bool = False  # with directions at corners, from `boundary.between`: at least as many
+    about: int = 0  # number of the position whose interior point serves all positions
 
 
 def bundle_hits(
@@ -319,30 +349,39 @@ def bundle_hits(
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none, to a plane."""
     shares, directions, has_corners, about = nodes
-    n, behind = len(positions_mm), np.full(len(positions_mm), microlens)
-    home, ways = inner_points(arrays, positions_mm[[about]], behind[:1]), bounded(arrays, positions_mm, behind)
-    if np.isnan(home.centres).any() or (ways.counts < 3).any():
+    n = len(positions_mm)
+    behind = np.full(n, microlens)
+    # Bound all regions; one interior point serves all positions.
+    home = inner_points(arrays, positions_mm[[about]], behind[:1])
+    bundles = bounded(arrays, positions_mm, behind)
+    if np.isnan(home.centres).any() or (bundles.counts < 3).any():
         nothing = np.full((n, directions, len(shares)), np.nan)
         return Hits(np.stack([nothing, nothing], axis=-1), nothing, nothing[0, :, 0], np.zeros(n, bool))
-    # Without a microlens what passes moves along with the position, by the drift of the outlines.
+    # Without a microlens the region moves along with the position, by the drift of the outlines.
     drift = arrays.optics.drift if microlens == NO_MICROLENS else 0.0
-    ways.centres[:] = home.centres + drift * (ways.positions - home.positions)
+    bundles.centres[:] = home.centres + drift * (bundles.positions - home.positions)
+    # Choose the directions of all positions, and find the boundary along each.
     corners = _with_corners(home).corners.angle if has_corners else np.zeros(0)
     angle, width = boundary.between(corners if len(corners) else np.zeros(1), directions)
-    owner, directions = np.repeat(np.arange(n), len(angle)), len(angle)
+    directions = len(angle)
+    owner = np.repeat(np.arange(n), directions)
     angle, share = np.tile(angle, n), np.tile((width + np.roll(width, 1)) / 2, n)
-    radius, _, limit, _ = ways.find(owner, angle)
-    held, _ = holds_all(ways, owner, angle, radius, share, PROBES * directions)
+    radius, _, limit, _ = bundles.edge_points(owner, angle)
+    agrees, _ = agrees_with_probes(bundles, owner, angle, radius, share, PROBES * directions)
+    # Trace the rays through all nodes to the plane.
     along = boundary.unit_vectors(angle)
-    points = ways.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
-    shape, hit = (n, directions, len(shares)), edge_kernels.empty_hits(n * directions * len(shares))
+    points = bundles.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
+    shape = n, directions, len(shares)
+    hit = edge_kernels.empty_hits(n * directions * len(shares))
     planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
-    starts = ways.positions, behind, np.repeat(owner, len(shares)), points.reshape(-1, 2)
+    starts = bundles.positions, behind, np.repeat(owner, len(shares)), points.reshape(-1, 2)
     edge_kernels.hits(arrays, planes, *starts, hit)
     edge_kernels.hits.count(len(hit.density), len(arrays.table))
-    whole = held & hit.passes.reshape(shape).all(axis=(1, 2)) & ways.nothing_beyond(owner, along, radius, limit)
+    # Accept regions that are star-shaped; scale densities to the unit disc.
+    all_pass = hit.passes.reshape(shape).all(axis=(1, 2))
+    star_shaped = agrees & all_pass & bundles.nothing_beyond(owner, along, radius, limit)
     density = hit.density.reshape(shape) * (radius**2).reshape(n, directions, 1)
-    return Hits(hit.on_plane.reshape(*shape, 2), density, width, whole)
+    return Hits(hit.on_plane.reshape(*shape, 2), density, width, star_shaped)
 
 
 def single_hits(
@@ -352,7 +391,7 @@ def single_hits(
     aims_mm: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
-    """Hits of rays from positions towards aims of the sampling plane on a plane of each, (n, 2); NaN: none."""
+    """Intersections of rays through points of the sampling plane with a plane for each, (n, 2); NaN: none."""
     hit = edge_kernels.empty_hits(len(positions_mm))
     given = map(np.ascontiguousarray, (planes, positions_mm, microlens, np.arange(len(microlens)), aims_mm))
     edge_kernels.hits(arrays, *given, hit)

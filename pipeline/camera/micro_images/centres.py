@@ -1,4 +1,4 @@
-"""Micro-images: where the image behind each microlens lies on the sensor, and which pixels it may light."""
+"""Micro-images: the position of the image behind each microlens on the sensor, and the pixels that it may light."""
 
 import math
 from dataclasses import dataclass
@@ -20,20 +20,20 @@ from pipeline.records.shapes import Float64, Int64
 NOBODY = -1
 """Row of no point."""
 _TIES = 8
-"""Further points that are looked at for one at the same distance with a lower row: a lattice has six neighbours."""
+"""Further points to compare where several lie at one distance: a lattice has six neighbours."""
 _STEPS = 12
-"""Steps to a chief ray at most: each leaves a small part of the miss, and a microlens that needs more is an error."""
+"""Most steps to a chief ray: each leaves a small part of the miss, and a microlens that needs more is an error."""
 _TOLERANCE = 1e-12
-"""Miss in slope that ends the search [1]: thousands of roundings of a slope."""
+"""Miss in slope at which the search has converged [1]: thousands of roundings of a slope."""
 _ROUNDING_MM = 1e-9
-"""Room beyond the reach of a micro-image [mm], so that roundings leave no light out."""
+"""Margin beyond the reach of a micro-image [mm], so that rounding excludes no light."""
 _SLACK_PX = math.sqrt(0.5)
 """Circumradius of a pixel."""
 
 
 @dataclass(frozen=True)
 class Nearby:
-    """Points (n, 2), n > 0."""
+    """Nearest-neighbour search among points (n, 2), n > 0."""
 
     points: Float64[np.ndarray, "n 2"]
 
@@ -46,11 +46,11 @@ class Nearby:
     def nearest(self, positions: Float64[np.ndarray, "n 2"], count: int = 1) -> tuple[np.ndarray, np.ndarray]:
         """Distances and rows of the `count` points nearest to each position, nearest first, (m, count) each.
 
-        Of points at one distance the one of the lower row comes first. Infinite and NOBODY where there are no more.
+        Among points at one distance the lowest row comes first. Infinite and NOBODY where there are no more.
         """
-        known = np.isfinite(positions).all(axis=1)
-        rows = self._tree.query(np.where(known[:, None], positions, 0.0), np.arange(1, count + _TIES + 1))[1]
-        rows[~known] = len(self.points)
+        finite = np.isfinite(positions).all(axis=1)
+        rows = self._tree.query(np.where(finite[:, None], positions, 0.0), np.arange(1, count + _TIES + 1))[1]
+        rows[~finite] = len(self.points)
         # The tree's own distances might be rounded otherwise on another processor.
         offset = np.append(self.points, [[np.inf, np.inf]], axis=0)[rows] - positions[:, None]
         distance = np.where(rows < len(self.points), np.sqrt((offset**2).sum(axis=2)), np.inf)
@@ -74,7 +74,7 @@ class MicroImages:
     # Sensor hit of the real ray through the stop centre and the microlens vertex, vision frame
     centre_mm: Float64[np.ndarray, "n 2"]
     radius_mm: float  # exit-pupil radius * B / P, the contour of half illumination
-    reach_mm: Float64[np.ndarray, "n"]  # beyond this distance from the centre no light of the microlens arrives
+    reach_mm: Float64[np.ndarray, "n"]  # distance from the centre beyond which no light of the microlens arrives
     nearby: Nearby  # finds the nearest centres
 
     def owner(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
@@ -86,8 +86,8 @@ def micro_images(tracer: Tracer) -> MicroImages:
     """Micro-images of a plenoptic camera.
 
     The chief ray is traced backwards from the microlens vertex, so its slope in front of the array is exact; a plain
-    thin lens passes it undeviated. Where a microlens is more than that, the ray through the vertex of its aperture's
-    face is sought that leaves as a chief ray.
+    thin lens passes it undeviated. For any other microlens, the chief ray through the vertex of its aperture's face is
+    found by iteration.
     """
     array, grid = tracer.camera.microlenses, tracer.lattice
     if array is None or grid is None:
@@ -107,7 +107,8 @@ def micro_images(tracer: Tracer) -> MicroImages:
 def _centres(tracer: Tracer) -> np.ndarray:
     """Sensor hits of the rays through the vertices of aperture faces that are chief rays before the array, (n, 2)."""
     rows = tracer.arrays.microlenses
-    microlens, count = np.arange(len(rows)), len(rows)
+    microlens = np.arange(len(rows))
+    count = len(rows)
     centre = rows[:, :2].copy()
     position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
     for _ in range(_STEPS):
@@ -127,7 +128,8 @@ def vertex_aims(
     """Aims of rays from sensor positions (n, 2) through the vertex of the aperture's face of microlenses (n,)."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
-    point, aims = np.zeros((len(microlens), 3)), np.empty((len(microlens), 2))
+    point = np.zeros((len(microlens), 3))
+    aims = np.empty((len(microlens), 2))
     heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
     point[:, 2] = np.array(heights)[tracer.lattice.type[microlens]] if heights else 0.0
     aims_for(tracer.arrays, microlens, positions_mm, point, aims)
@@ -135,12 +137,11 @@ def vertex_aims(
 
 
 def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
-    """The sampling bounds turned round: beyond which distance from its centre a microlens has no region, (n,) [mm]."""
-    rows, aperture = tracer.arrays.microlenses, tracer.arrays.aperture
-    polygons, by_start = (
-        outlines_around(tracer.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]]),
-        rows[:, column.BY_START],
-    )
+    """Distance from its centre beyond which a microlens has no region, by inverting the sampling bounds, (n,) [mm]."""
+    rows = tracer.arrays.microlenses
+    aperture = tracer.arrays.aperture
+    polygons = outlines_around(tracer.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+    by_start = rows[:, column.BY_START]
     base = rows[:, None, [column.BASE_X, column.BASE_Y]]
     edge = (polygons - base) / by_start[:, None, None] - (centre - rows[:, :2])[:, None]
     corner = np.hypot(*aperture.T).max() * (1 + rows[0, column.INFLATION])
@@ -149,7 +150,7 @@ def _reach(tracer: Tracer, centre: np.ndarray) -> np.ndarray:
 
 
 class _Discs(NamedTuple):
-    """Discs on the sensor: centres [mm] and [px], the latter counted in the rows that are wanted; reach [mm]."""
+    """Discs on the sensor: centres [mm], and [px] relative to the requested rows; reach [mm]."""
 
     centre_mm: np.ndarray
     centre_px: np.ndarray
@@ -165,8 +166,9 @@ def pixel_strata(
     spread_mm: float = 0.0,
     columns: tuple[int, int] | None = None,
 ) -> np.ndarray:
-    """Microlenses whose light, spread by `spread_mm`, may pass each pixel of some rows, or of some columns of them,
-    nearest first, (n, s) int64.
+    """Microlenses whose light may reach each pixel of a band of rows and columns, nearest first, (n, s) int64.
+
+    `spread_mm`: distance by which diffraction spreads light.
     """
     first, end = columns or (0, tracer.camera.sensor.width_px)
     width = end - first
@@ -181,23 +183,23 @@ def pixel_strata(
     positions = positions_of(tracer, rows, columns)
     filled = np.zeros(count, np.int64)
     _lay(discs, positions, width, np.zeros((count, 0)), np.zeros((count, 0), np.int64), filled)
-    places = max(1, int(filled.max()))
-    strata, distance = np.full((count, places), SKIP), np.zeros((count, places))
+    most = max(1, int(filled.max()))
+    strata, distance = np.full((count, most), SKIP), np.zeros((count, most))
     filled[:] = 0
     _lay(discs, positions, width, distance, strata, filled)
     return strata
 
 
 def positions_of(tracer: Tracer, rows: tuple[int, int], columns: tuple[int, int] | None = None) -> np.ndarray:
-    """Centres of the pixels of some rows, or of some columns of them, row by row, vision frame (n, 2) [mm]."""
+    """Centres of the pixels of a band of rows and columns, row by row, vision frame (n, 2) [mm]."""
     y_px, x_px = np.mgrid[slice(*rows), slice(*(columns or (0, tracer.camera.sensor.width_px)))]
     return tracer.positions_mm(x_px.ravel(), y_px.ravel())
 
 
 @kernel
 def _lay(discs, positions, width, distance, strata, filled):
-    """Sort discs into the pixels that they reach, nearest first; without room for them they are only counted."""
-    # A disc beyond its own reach keeps its place as `SKIP`: the first place is that of the pixel's own cell.
+    """Sort discs into the pixels that they reach, nearest first; arrays without columns only have them counted."""
+    # A disc beyond its own reach keeps its slot as `SKIP`: the first slot is that of the pixel's own cell.
     height = positions.shape[0] // width
     for microlens in range(discs.centre_mm.shape[0]):
         x, y, far = discs.centre_px[microlens, 0], discs.centre_px[microlens, 1], discs.farthest_px
@@ -211,12 +213,12 @@ def _lay(discs, positions, width, distance, strata, filled):
                 away = math.sqrt(across * across + up * up)
                 if away > discs.farthest_mm:
                     continue
-                place = filled[n]
+                slot = filled[n]
                 filled[n] += 1
                 if distance.shape[1] == 0:
                     continue
-                while place > 0 and distance[n, place - 1] > away:
-                    distance[n, place], strata[n, place] = distance[n, place - 1], strata[n, place - 1]
-                    place -= 1
-                distance[n, place] = away
-                strata[n, place] = microlens if away <= discs.reach_mm[microlens] else SKIP
+                while slot > 0 and distance[n, slot - 1] > away:
+                    distance[n, slot], strata[n, slot] = distance[n, slot - 1], strata[n, slot - 1]
+                    slot -= 1
+                distance[n, slot] = away
+                strata[n, slot] = microlens if away <= discs.reach_mm[microlens] else SKIP

@@ -1,8 +1,8 @@
 """Centroids and outlines of micro-images: the light of every microlens, each from its own traced rays.
 
-The light of a microlens is a double integral, over its aperture and over the sensor. Through one point of the aperture
-light fills the image of the exit pupil as that pinhole throws it; over the points of the aperture that image only moves
-and bends a little. So a few points are enough, where the light at a few sensor positions would not be: it ends in a
+The light of a microlens is a double integral, over its aperture and over the sensor. Through one point of the aperture,
+a pinhole, light fills the image of the exit pupil; from point to point of the aperture that image only moves and bends
+a little. So a few points of the aperture suffice, whereas a few sensor positions would not: there light ends in a
 penumbra.
 """
 
@@ -29,13 +29,13 @@ OUTLINE_DEG = tuple(range(0, 360, 15))
 _NEIGHBOUR = 1e-3
 """Distance of the neighbours of an aperture point over the ring radius [1]: differences err by about a millionth."""
 _INSIDE = 1 - 1e-9
-"""Place of the outermost rim points over that of the rim [1]: roundings must not put them outside."""
+"""Radius of the outermost rim points over that of the rim [1]: rounding must not put them outside."""
 _ROOM = 1.1
-"""Reach of a pupil's image over that of the sampling bounds [1]: a first guess, widened where light goes beyond."""
+"""Radius of the search for a pupil's image over that of the sampling bounds [1]: a first guess, widened if lit."""
 _STEP = 0.3
-"""Share of the least radius of the pupil's image, and of the penumbra: a lit rim stays lit so far."""
+"""Search step over the smaller of the pupil image's least radius and the penumbra: a lit rim stays lit that far."""
 _RING, _RINGS = 0.01, 12
-"""Distance of rings of rim points over the radius of the aperture [1], and their number: where two curved faces both
+"""Spacing of rings of rim points over the radius of the aperture [1], and their number: where two curved faces both
 end, light may be cut up to 11 percent inside of the rim."""
 _AT_ONCE = 512
 """Microlenses that are traced together: bounds memory, and no result depends on it."""
@@ -49,8 +49,8 @@ class MicroLight:
     # Centroid of all irradiance on the sensor, also beyond the image; vision frame, NaN for a dark one
     centroid_mm: Float64[np.ndarray, "n 2"]
     pupil_area_mm2: Float64[np.ndarray, "n"]  # area of the pupil that light through the vertex fills
-    # Reach of light through the vertex, and of any light, from the centroid along `OUTLINE_DEG`; NaN where the vertex
-    # throws no light onto the centroid, or nothing is lit
+    # Radius of the light through the vertex, and of all light, from the centroid along `OUTLINE_DEG`; NaN where no
+    # light through the vertex falls onto the centroid, or nothing is lit
     pupil_mm: Float64[np.ndarray, "n directions"]
     light_mm: Float64[np.ndarray, "n directions"]
 
@@ -58,8 +58,9 @@ class MicroLight:
 def micro_light(
     tracer: Tracer, images: MicroImages, tile: int = 0, tiles: int = 1, rows: Int64[np.ndarray, "n"] | None = None
 ) -> MicroLight:
-    """Trace the light of all microlenses that reaches the image, or of one of so many equal shares of them, or of some
-    rows of the lattice, ascending.
+    """Trace the light of microlenses that reaches the image.
+
+    `tile`, `tiles`: number of an equal share of them, and number of shares. `rows`: these rows of the lattice alone.
     """
     if tracer.camera.microlenses is None:
         raise CameraError("a conventional camera has no micro-images")
@@ -77,27 +78,31 @@ def micro_light(
 def _stretch(
     tracer: Tracer, images: MicroImages, rows: np.ndarray, shift: np.ndarray, limit: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Centroids, areas and both outlines of some microlenses; `shift` and `limit` are those of `_motion`."""
+    """Centroids, areas and both outlines of a batch of microlenses; `shift` and `limit` are those of `_motion`."""
     array, grid = tracer.camera.microlenses, tracer.lattice
     assert array is not None and grid is not None
     kind = grid.type[rows]
     camera = tracer.arrays
+    # Integrate the light through quadrature nodes of the aperture, without obstructions less what these block.
     points, shares = _nodes(array)
-    middle, sums = np.ascontiguousarray(images.centre_mm[rows]), np.zeros((len(rows), SUMS))
+    middle = np.ascontiguousarray(images.centre_mm[rows])
+    sums = np.zeros((len(rows), SUMS))
     parts = without_obstructions(camera.table)
     for sign, part in parts:
         apertures = Apertures(camera._replace(table=part), Pencils(rows, kind, points), shares)
         sums += sign * apertures.light(middle, shift, limit)
     lit = sums[:, LIGHT] > 0
-    centroid, area = np.full_like(middle, np.nan), np.where(lit, sums[:, FILLED], np.nan)
+    centroid = np.full_like(middle, np.nan)
+    area = np.where(lit, sums[:, FILLED], np.nan)
     centroid[lit] = middle[lit] + sums[lit, BY_X : BY_Y + 1] / sums[lit, LIGHT, None]
-    # The image is the sensor frame, turned by 180 degrees about z.
+    # Find the outline of the light through the vertex; the image is the sensor frame, turned by 180 degrees about z.
     along = -unit_vectors(np.deg2rad(OUTLINE_DEG))
     unobstructed = camera._replace(table=parts[0][1])
     outer = Apertures(unobstructed, Pencils(rows, kind, points), shares)
     pupil = outer.reach(np.nan_to_num(centroid), along, limit)
     least = np.nan_to_num(pupil.min(axis=1), nan=0.0)
     least = np.where(least > 0, least, limit)
+    # Find the outline of all light by a search from outside inwards, through points of the rim.
     rim = _rims(array)
     beyond = 1.05 * np.abs(shift) * np.hypot(*rim.T).max() + 0.01 * least
     outside = np.where(np.isnan(pupil), limit[:, None], pupil) + beyond[:, None]
@@ -118,14 +123,14 @@ def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
 
 
 def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Movement of the pupil's image per distance of the point in the aperture, and its reach by its bounds; 0: dark."""
-    some = tracer.arrays.microlenses[rows]
-    polygons = outlines_around(tracer.arrays, some[:, [column.OUTLINE_X, column.OUTLINE_Y]])
-    by_start, by_aim = some[:, column.BY_START], some[:, column.BY_AIM]
-    across = (polygons - some[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
-    edge = some[:, None, :2] + across - images.centre_mm[rows, None]
+    """Motion of the pupil's image per motion of the aperture point, and its radius by the sampling bounds; 0: dark."""
+    microlenses = tracer.arrays.microlenses[rows]
+    polygons = outlines_around(tracer.arrays, microlenses[:, [column.OUTLINE_X, column.OUTLINE_Y]])
+    by_start, by_aim = microlenses[:, column.BY_START], microlenses[:, column.BY_AIM]
+    across = (polygons - microlenses[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
+    edge = microlenses[:, None, :2] + across - images.centre_mm[rows, None]
     farthest = np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0)
-    limit = _ROOM * farthest + some[:, column.MARGIN] / np.abs(by_start)
+    limit = _ROOM * farthest + microlenses[:, column.MARGIN] / np.abs(by_start)
     limit[np.ptp(polygons, axis=1).max(axis=1) == 0] = 0.0
     return -by_aim / by_start, limit
 
@@ -146,7 +151,7 @@ def _nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points towards the corners of a cell and their weights, which have its second moments."""
+    """Points towards the corners of a cell, with weights that reproduce its second moments."""
     # Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
     node, weight = unit_nodes(4)
     u, v = (grid.ravel() for grid in np.meshgrid(node, node))
@@ -164,9 +169,10 @@ def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:
-    """RIM points around an aperture, corners of a cell among them, (RIM, 2), where light may pass the outermost ones.
+    """RIM points around an aperture, corners of a cell among them, (RIM, 2), through which the outermost light may
+    pass.
 
-    Where two curved faces both end more such rings follow, inside of the rim.
+    If two curved faces both end, further rings follow inside of the rim.
     """
     if array.disc_diameter_mm is not None:
         rim = array.disc_diameter_mm / 2 * regular(RIM, np.cos(np.pi / RIM), 0.0)

@@ -1,14 +1,16 @@
 """Light through points of microlens apertures: images of the exit pupil, and contours of all light of a microlens.
 
-A pencil is all rays through one point of an aperture. The sensor positions whose ray through it passes the camera
-fill a region: the exit pupil, as that pinhole throws it. `camera` is a `camera.tracing.records.CameraArrays`.
+A pencil is all rays through one point of an aperture. The sensor positions whose ray through it passes the camera fill
+a region, the pinhole image of the exit pupil. The light of a microlens is the integral over its aperture of the
+integrals over these regions, each in polar coordinates: sum of w L r dr dphi. `camera` is a
+`camera.tracing.records.CameraArrays`.
 
-The edge of such an image is bisected with real rays along directions from an inner point, evenly spaced ones where one
-thing blocks all around. Else nodes of Gauss and Legendre lie on the arcs between corners, where what blocks changes.
+The boundary of such an image is bisected with real rays along directions from an interior point. They are evenly spaced
+if one aperture blocks all around, else Gauss-Legendre nodes on the arcs between corners, where the obstacle changes.
 
 Along a direction the light of a microlens ends where the last point of its aperture goes dark, and that is a point of
-the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim say where that is:
-a few points all around, then finer ones about those that go dark last.
+the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim find it: first
+coarse points all around, then finer ones about those that go dark last.
 """
 
 import math
@@ -31,23 +33,23 @@ LIGHT, BY_X, BY_Y, FILLED, SUMS = range(5)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 """Nodes along the radius on [-1, 1], and their weights: exact to the ninth degree."""
 _CONE_NODES, _CONE_WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""The same where pixels take light from a cone: with its roll-off the weight of a ray has kinks."""
+"""The nodes and weights for pixels that accept a cone of light: with its roll-off the weight of a ray has kinks."""
 DIRECTIONS = 24
-"""Directions of a first look at an edge: even nodes converge fast where one thing blocks all around."""
+"""Directions of the first search for a boundary: even nodes converge fast if one aperture blocks all around."""
 _EDGE_STEPS = 17
-"""Bisections of an edge: to 1e-5 of its reach."""
+"""Bisections of a boundary: to 1e-5 of its radius."""
 _WIDENINGS = 11
-"""Times that the reach of a search grows by half while light passes at its end: up to 86-fold."""
+"""Times that the radius of a search grows by half while light passes at its end: up to 86-fold."""
 _CORNER_STEPS = 10
-"""Bisections of the 15 degrees in which a corner lies: to 0.015 degrees."""
+"""Bisections of the 15 degrees that contain a corner: to 0.015 degrees."""
 _AROUND, _LEAST_PER_ARC = 48, 8
-"""Nodes over a full circle with corners, and on each arc at least."""
+"""Nodes over a full circle with corners, and least number on each arc."""
 _OFF_CENTRE = 0.1
-"""Share of the mean radius: a base that lies farther from the middle moves there."""
+"""Distance of a base from the centroid, over the mean radius, beyond which it moves there."""
 _SPREAD = 256
 """Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
 _GOLDEN_RAD = 2.399963229728653
-"""Turn from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
+"""Angle from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
 RIM = 384
 """Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
 _COARSE, _FINE = 24, 9
@@ -59,8 +61,8 @@ _FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
 _COARSE_STEPS, _FINE_STEPS = 7, 8
 """Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
 _CONTOUR_WIDENINGS = 20
-"""Steps inwards or outwards at most to where light and dark meet: a step is nearly a third of the pupil's image or of
-the penumbra, the smaller of both, and the search begins near the edge."""
+"""Most steps inwards or outwards to where light and dark meet: a step is nearly a third of the pupil's image or of the
+penumbra, whichever is smaller, and the search begins near the boundary."""
 
 
 class Pencils(NamedTuple):
@@ -78,7 +80,7 @@ class Rays(NamedTuple):
     """Rays from the sensor through points of microlens apertures."""
 
     owner: np.ndarray  # (m,) int64, the row of pencils that each belongs to, ascending
-    which: np.ndarray  # (m,) int64, the point of its type that it passes
+    point: np.ndarray  # (m,) int64, the point of its type that it passes
     starts: np.ndarray  # (m, 2) float64, sensor positions
 
 
@@ -87,19 +89,22 @@ class Sectors(NamedTuple):
 
     # (f,) int64, the microlens, one of n, and the point of its aperture
     owner: np.ndarray
-    which: np.ndarray
+    point: np.ndarray
     # (f, 2) float64, the tip, and a unit vector
     bases: np.ndarray
     directions: np.ndarray
-    # (f,) float64, distance to which light reaches, and the angle that the direction stands for
+    # (f,) float64, radius of the light, and the angle that the direction represents
     radius: np.ndarray
     angle: np.ndarray
 
 
 def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = False) -> np.ndarray:
-    """Labels of rays, (m,): `PASSES` or another, which names what blocks the ray if names are asked for."""
-    starts, microlens, count = np.ascontiguousarray(rays.starts), pencils.microlens[rays.owner], len(rays.owner)
-    points, aims = pencils.points[pencils.kind[rays.owner], rays.which], np.empty((count, 2))
+    """Labels of rays, (m,): `PASSES` or another one, which names the obstacle if names are requested."""
+    starts = np.ascontiguousarray(rays.starts)
+    microlens = pencils.microlens[rays.owner]
+    count = len(rays.owner)
+    points = pencils.points[pencils.kind[rays.owner], rays.point]
+    aims = np.empty((count, 2))
     aims_for(camera, microlens, starts, points, aims)
     label = np.empty(count, np.int64)
     probe(camera, starts, microlens, np.arange(count), aims, is_named, label)
@@ -109,9 +114,11 @@ def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = Fa
 
 @inline
 def _density(camera, microlens, near, sx, sy):
-    """Weight of a ray per area of the sensor and of the aperture, as its own frame counts it [sr / mm^2]."""
+    """Weight of a ray per area of the sensor and of the aperture, in the frame of the aperture [sr / mm^2]."""
     # `near` holds the point of the aperture and its neighbours along +x, -x, +y and -y.
-    acceptance, h, stretch = camera.acceptance, camera.microlenses[microlens, AIM], 1.0
+    acceptance = camera.acceptance
+    h = camera.microlenses[microlens, AIM]
+    stretch = 1.0
     qx, qy = aim_for(camera, microlens, sx, sy, near[0, 0], near[0, 1], near[0, 2])
     if camera.elements.model != PLAIN:
         ax, ay = aim_for(camera, microlens, sx, sy, near[1, 0], near[1, 1], near[1, 2])
@@ -130,14 +137,14 @@ def _density(camera, microlens, near, sx, sy):
 def add_light(camera, pencils, shares, middle, sectors, sums):
     """Integrate light over the regions of pencils, whose points are nodes of a quadrature with weights `shares`.
 
-    `sums`: (n, 4), added to: light [sr], its moments along x and y from `middle` [sr mm], and the area that light
-        through node 0 fills [mm^2].
+    `sums`: (n, 4), added to: light [sr], its moments along x and y from `middle` [sr mm], and the area filled by light
+    through node 0 [mm^2].
     """
-    owner, which, bases, directions, radius, angle = sectors
+    owner, point, bases, directions, radius, angle = sectors
     microlens, kind, points = pencils
     is_cone = camera.acceptance.half_angle > 0.0
     for f in range(owner.shape[0]):
-        n, m = owner[f], which[f]
+        n, m = owner[f], point[f]
         near = points[kind[n], m]
         if m == 0:
             sums[n, FILLED] += 0.5 * radius[f] * radius[f] * angle[f]
@@ -154,38 +161,42 @@ def add_light(camera, pencils, shares, middle, sectors, sums):
 
 @dataclass(frozen=True, slots=True)
 class Apertures:
-    """Microlenses, and points of their apertures."""
+    """Microlenses with points of their apertures."""
 
     camera: CameraArrays
-    # N of them, their points with neighbours, (types, m, 5, 3), as `add_light` takes them; the vertex first
+    # n microlenses; points with neighbours, (types, m, 5, 3), as `add_light` takes them; the vertex first
     pencils: Pencils
     shares: Float64[np.ndarray, "m"]  # weights of a quadrature over the aperture
 
     def light(
         self, middle: Float64[np.ndarray, "n 2"], shift: Float64[np.ndarray, "n"], limit: Float64[np.ndarray, "n"]
     ) -> np.ndarray:
-        """Light of each microlens, its moments from `middle`, the area that it fills: (n, 4), see `add_light`.
+        """Light of each microlens, its moments from `middle`, and the area that it fills: (n, 4), see `add_light`.
 
-        `middle`: about the middle of the light through the vertex.
-        `shift`: movement of that per distance of the point in the aperture.
-        `limit`: about the farthest reach of light through one point.
+        `middle`: approximate centre of the light through the vertex.
+        `shift`: motion of that centre per motion of the aperture point.
+        `limit`: approximate radius of the light through one point.
         """
         n, m = len(self.pencils.microlens), len(self.shares)
-        owner, which = np.divmod(np.arange(n * m), m)
+        owner, point = np.divmod(np.arange(n * m), m)
         off_vertex = self.pencils.points[self.pencils.kind, :, 0, :2]
         bases = (middle[:, None] + shift[:, None, None] * off_vertex).reshape(-1, 2)
-        lit = self._settle(owner, which, bases, limit)
-        tips = _Tips(owner, which, bases, limit[owner])
+        # Find a lit base in the region of every pencil, and its boundary in even directions.
+        lit = self._find_bases(owner, point, bases, limit)
+        tips = _Tips(owner, point, bases, limit[owner])
         row, angle = np.repeat(np.arange(n * m), DIRECTIONS), np.tile(even_angles(DIRECTIONS), n * m)
         radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, unit_vectors(angle)))
+        # Integrate regions with a smooth boundary.
         off, is_round = _middles(radius, blocker)
-        sums, rounds = np.zeros((n, SUMS)), np.repeat(lit & is_round, DIRECTIONS)
+        sums = np.zeros((n, SUMS))
+        rounds = np.repeat(lit & is_round, DIRECTIONS)
         share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
         sectors = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
         add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
-        others = np.flatnonzero(lit & ~is_round)
-        if len(others):
-            sectors = self._between_corners(tips.only(others), off[others])
+        # Integrate the rest between their corners.
+        cornered = np.flatnonzero(lit & ~is_round)
+        if len(cornered):
+            sectors = self._between_corners(tips.only(cornered), off[cornered])
             add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         return sums
 
@@ -195,7 +206,7 @@ class Apertures:
         directions: Float64[np.ndarray, "m 2"],
         limit: Float64[np.ndarray, "n"],
     ) -> np.ndarray:
-        """Reach of light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
+        """Radius of the light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
         n, d = len(self.pencils.microlens), len(directions)
         owner, vertex = np.arange(n), np.zeros(n, np.int64)
         lit = self._passes(owner, vertex, origins)
@@ -204,11 +215,11 @@ class Apertures:
         return np.where(lit[:, None], radius.reshape(n, d), np.nan)
 
     def _edges(self, tips: "_Tips", row: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Reach of light from the tips of some rows (m,), ascending, along (m, 2), and what blocks it, (m,) each."""
-        owner, which, bases, limit = tips.only(row)
+        """Radius of the light from the tips of some rows (m,), ascending, along (m, 2), and its obstacle, (m,) each."""
+        owner, point, bases, limit = tips.only(row)
 
         def label(far: np.ndarray, is_named: bool = False) -> np.ndarray:
-            return look(self.camera, self._points, Rays(owner, which, bases + far[:, None] * along), is_named)
+            return look(self.camera, self._points, Rays(owner, point, bases + far[:, None] * along), is_named)
 
         def passes(far: np.ndarray) -> np.ndarray:
             return label(far) == PASSES
@@ -219,31 +230,32 @@ class Apertures:
 
     @property
     def _points(self) -> Pencils:
-        """The pencils without neighbours of their points."""
+        """The pencils without the neighbours of their points."""
         return self.pencils._replace(points=np.ascontiguousarray(self.pencils.points[:, :, 0]))
 
-    def _passes(self, owner: np.ndarray, which: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    def _passes(self, owner: np.ndarray, point: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Whether rays from sensor positions (m, 2) through points (m,) pass."""
-        return look(self.camera, self._points, Rays(owner, which, starts)) == PASSES
+        return look(self.camera, self._points, Rays(owner, point, starts)) == PASSES
 
-    def _settle(self, owner: np.ndarray, which: np.ndarray, bases: np.ndarray, limit: np.ndarray) -> np.ndarray:
-        """Whether light passes each point at all, (p,); bases that are dark move to a position that is not."""
-        lit = self._passes(owner, which, bases)
+    def _find_bases(self, owner: np.ndarray, point: np.ndarray, bases: np.ndarray, limit: np.ndarray) -> np.ndarray:
+        """Whether any light passes each point, (p,); dark bases move to a lit position."""
+        lit = self._passes(owner, point, bases)
         dark = np.flatnonzero(~lit)
         number = np.arange(_SPREAD)
         spiral = np.sqrt(number / _SPREAD)[:, None] * unit_vectors(number * _GOLDEN_RAD)
         tried = bases[dark, None] + limit[owner[dark], None, None] * spiral
-        passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(which[dark], _SPREAD), tried.reshape(-1, 2))
+        passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(point[dark], _SPREAD), tried.reshape(-1, 2))
         moved = inner_points(tried, passes.reshape(-1, _SPREAD))
         lit[dark] = ~np.isnan(moved[:, 0])
         bases[lit & np.isin(np.arange(len(lit)), dark)] = moved[lit[dark]]
         return lit
 
     def _between_corners(self, tips: "_Tips", off: np.ndarray) -> Sectors:
-        """Sectors of pencils that are not round, from their middles, `off` their tips (p, 2), where those are lit."""
+        """Sectors of pencils with corners, about their centroids, `off` their tips (p, 2), if those are lit."""
         moved = tips.bases + off
-        passes = self._passes(tips.owner, tips.which, moved)
-        tips, rows = tips._replace(bases=np.where(passes[:, None], moved, tips.bases)), np.arange(len(off))
+        passes = self._passes(tips.owner, tips.point, moved)
+        tips = tips._replace(bases=np.where(passes[:, None], moved, tips.bases))
+        rows = np.arange(len(off))
         even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
         label = self._edges(tips, even[0], unit_vectors(even[1]))[1].reshape(-1, DIRECTIONS)
 
@@ -261,31 +273,31 @@ class _Tips(NamedTuple):
     """Tips of sectors: rows of microlenses and points of apertures (p,), sensor positions (p, 2), first bounds (p,)."""
 
     owner: np.ndarray
-    which: np.ndarray
+    point: np.ndarray
     bases: np.ndarray
     limit: np.ndarray
 
     def only(self, rows: np.ndarray) -> "_Tips":
-        """Some of them, or some several times."""
+        """The tips of these rows, repeated as the rows are."""
         return _Tips(*(values[rows] for values in self))
 
 
 def _sectors(tips: _Tips, row: np.ndarray, angle: np.ndarray, radius: np.ndarray, share: np.ndarray) -> Sectors:
     """Sectors at the tips of some rows (f,)."""
-    owner, which, bases, _ = tips.only(row)
-    return Sectors(owner, which, bases, unit_vectors(angle), radius, share)
+    owner, point, bases, _ = tips.only(row)
+    return Sectors(owner, point, bases, unit_vectors(angle), radius, share)
 
 
 def _middles(radius: np.ndarray, blocker: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Middles of regions (p, directions) from their bases, and whether one thing blocks all around near a middle."""
+    """Centroids of regions (p, directions) from their bases, and whether one aperture blocks all around, centred."""
     area = np.maximum(1.5 * (radius**2).sum(axis=1), np.finfo(float).tiny)
     off = (radius**3) @ unit_vectors(even_angles(DIRECTIONS)) / area[:, None]
-    same = (blocker == blocker[:, :1]).all(axis=1)
-    return off, same & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
+    has_one_obstacle = (blocker == blocker[:, :1]).all(axis=1)
+    return off, has_one_obstacle & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
 
 
 class _Points(NamedTuple):
-    """Points of a rim that are tried: the first one of each way (n, d), their number, and how far apart they are."""
+    """Rim points to try: the first one of each direction (n, d), their number, and their stride."""
 
     first: np.ndarray
     number: int
@@ -293,10 +305,10 @@ class _Points(NamedTuple):
 
 
 class Contours:
-    """Outer edges of light along directions (d, 2) from origins (n, 2).
+    """Outer boundaries of light along directions (d, 2) from origins (n, 2).
 
-    `rims`: microlenses, and rings * RIM points around the aperture of each type: rings where the rim itself may be
-        dark, because another face cuts the light there.
+    `rims`: microlenses, and rings * RIM points around the aperture of each type. Several rings are for rims that are
+    dark because another face cuts the light.
     """
 
     def __init__(
@@ -312,21 +324,24 @@ class Contours:
     def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Distances (n, d) from the origins; NaN where no light was found.
 
-        `outside`: about where it is dark. From there inwards, because near the middle a small pupil may be seen through
-            the inside of the aperture only.
-        `step`: shorter than the way on which the rim stays lit once light has reached it.
+        `outside`: approximate radius of the dark. The search runs inwards, because near the middle a small pupil may be
+        visible through the inside of the aperture only.
+        `step`: shorter than the distance over which the rim stays lit once light has reached it.
         """
+        # Step outwards into the dark, then inwards until a coarse rim point is lit.
         tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)
         _, high = self._darkened(outside, outside, step, tried)
-        low, where = high - step, np.full(high.shape, -1)
+        low = high - step
+        where = np.full(high.shape, -1)
         for _ in range(_CONTOUR_WIDENINGS):
-            here = self._lit(low, tried)
-            where = np.where(where < 0, here, where)
+            lit = self._lit(low, tried)
+            where = np.where(where < 0, lit, where)
             inward = (where < 0) & (low > 0)
             if not inward.any():
                 break
             low, high = np.where(inward, low - step, low), np.where(inward, low, high)
+        # Bisect by the coarse points, then by fine ones about the last that was lit.
         low, high, where = self._bisected(low, high, where, tried, _COARSE_STEPS)
         tried = _Points(where - _STRIDE, _FINE, _FINE_STRIDE)
         low, high = self._darkened(low, high, high - low, tried)
@@ -336,31 +351,31 @@ class Contours:
     def _darkened(
         self, low: np.ndarray, high: np.ndarray, step: np.ndarray, tried: _Points
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Outer bounds moved outwards by steps until they are dark, inner ones along."""
+        """Outer bounds moved outwards by steps until they are dark; inner ones follow."""
         return widened(lambda far: self._lit(far, tried) >= 0, low, high, lambda far: far + step, _CONTOUR_WIDENINGS)
 
     def _bisected(
         self, low: np.ndarray, high: np.ndarray, where: np.ndarray, tried: _Points, steps: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Narrowed bounds between light and dark, and the rim point that was lit last."""
+        """Narrowed brackets between light and dark, and the rim point that was lit last."""
 
         def passes(distance: np.ndarray) -> np.ndarray:
             nonlocal where
-            here = self._lit(distance, tried)
-            where = np.where(here >= 0, here, where)
-            return here >= 0
+            lit = self._lit(distance, tried)
+            where = np.where(lit >= 0, lit, where)
+            return lit >= 0
 
         low, high = halved(passes, low, high, steps)
         return low, high, where
 
     def _lit(self, distance: np.ndarray, tried: _Points) -> np.ndarray:
-        """The middle one of the rim points that light passes, (n, d); -1: all are dark."""
+        """The middle one of the lit rim points, (n, d); -1: all are dark."""
         first, count, stride = tried
         n, d = distance.shape
-        which = (first[..., None] + stride * np.arange(count)) % RIM
+        point = (first[..., None] + stride * np.arange(count)) % RIM
         starts = self._origins[:, None] + distance[..., None] * self._directions
         rings = self._rims.points.shape[1] // RIM
-        points = which[..., None] + RIM * np.arange(rings)
+        points = point[..., None] + RIM * np.arange(rings)
         each = count * rings
         rays = Rays(np.repeat(np.arange(n), d * each), points.ravel(), np.repeat(starts.reshape(-1, 2), each, axis=0))
         passes = (look(self._camera, self._rims, rays) == PASSES).reshape(n, d, count, rings).any(axis=3)

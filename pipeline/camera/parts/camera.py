@@ -1,4 +1,4 @@
-"""The parts of a camera: plain records. The physics that reads them lives beside this module.
+"""The parts of a camera: plain records. The physics lives in the modules beside this one.
 
 Distances along the axis are counted from the aperture stop, the origin of the camera frame.
 """
@@ -30,12 +30,12 @@ class Sensor:
     """A plane of square pixels, perpendicular to the axis unless tilted.
 
     - `width_px`, `height_px`: number of pixels along x and y.
-    - `pitch_mm`: distance of neighbouring pixel centres, the same in x and y.
+    - `pitch_mm`: distance of neighbouring pixel centres in x and in y.
     - `offset_x_mm`, `offset_y_mm`: where the optical axis meets the sensor, from its centre, sensor frame (x right, y
       down in the image).
-    - `tilt_deg`: turn about that point, first about x, then about the turned y of the vision frame: tauX and tauY of
-      OpenCV. The array turns with it.
-    - `acceptance`: share of a ray at the angle theta to its normal that a pixel takes: `all`; `cosine`,
+    - `tilt_deg`: rotation about that point, first about x, then about the rotated y of the vision frame: tauX and tauY
+      of OpenCV. The array is tilted with it.
+    - `acceptance`: response of a pixel to a ray at the angle theta to its normal: `all`; `cosine`,
       cos^power(theta); `cone`, 1 up to the half angle, from there falling linearly with the angle to 0 over the
       roll-off.
     """
@@ -78,8 +78,9 @@ class Sensor:
 
     @property
     def farthest_corner_mm(self) -> np.ndarray:
-        """The corner that lies farthest from the axis, vision frame (2,)."""
-        middle, half = np.array([self.offset_x_mm, self.offset_y_mm]), np.array(self.size_mm) / 2
+        """The corner that is farthest from the axis, vision frame (2,)."""
+        middle = np.array([self.offset_x_mm, self.offset_y_mm])
+        half = np.array(self.size_mm) / 2
         return middle + np.where(middle < 0, -half, half)
 
 
@@ -119,14 +120,14 @@ class Camera:
         last_mm = self.prescription.vertices_from_stop_mm[-1]
         film_mm = self.sensor_distance_mm - (self.microlenses.reach_mm if self.microlenses else 0.0)
         if film_mm <= last_mm + LEAST_MM:
-            what = "the microlens array" if self.microlenses else "the sensor"
+            film = "the microlens array" if self.microlenses else "the sensor"
             raise CameraError(
-                f"{what} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
+                f"{film} lies {film_mm} mm behind the stop, inside the lens, whose last vertex lies at {last_mm} mm"
             )
         self._check_tilt(last_mm)
 
     def _check_tilt(self, last_mm: float) -> None:
-        """The plane of a tilted sensor, or of its array, has the rim of the last surface in front of it."""
+        """Check that the plane of a tilted sensor, or of its array, lies behind the rim of the last surface."""
         vision_from_film = self.film.vision_from_film
         if vision_from_film is None:
             return
@@ -157,7 +158,7 @@ class Camera:
         return self.prescription.is_centred and not any(self.sensor.tilt_deg)
 
     def at(self, node: SpectralNode) -> "Camera":
-        """The same camera in light of one wavelength alone: glasses have other indices, and nothing else changes."""
+        """The camera at a single wavelength: only its refractive indices differ."""
         surfaces = zip(self.prescription.surfaces, node.indices, strict=True)
         bent = tuple(replace(surface, index=index) for surface, index in surfaces)
         array = self.microlenses
@@ -167,7 +168,7 @@ class Camera:
         return replace(self, prescription=prescription, microlenses=array, spectrum=())
 
     def behind(self, windows: Windows, wavelength_nm: float) -> "Camera":
-        """The same camera with windows before it; the wavelength is that of its own indices."""
+        """The camera with windows in front of it; the wavelength is that of its own indices."""
         media = [(node, windows.at(node.wavelength_nm)) for node in self.spectrum]
         spectrum = tuple(
             replace(node, indices=(*at.behind, *node.indices), index_in_front=at.index_in_front) for node, at in media
@@ -175,7 +176,7 @@ class Camera:
         return replace(self, prescription=windows.before(self.prescription, wavelength_nm), spectrum=spectrum)
 
     def in_light(self, channel: Channel) -> "Camera":
-        """The same camera as one of its channels sees it; its own indices become those of the mean wavelength."""
+        """The camera in one of its channels; its own indices become those of the mean wavelength."""
         if len(channel.nodes) == 1:
             return self.at(channel.nodes[0])
         return replace(self.at(channel.middle), spectrum=channel.nodes)
@@ -194,7 +195,7 @@ class Sampling:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PrintedCamera:
-    """A camera with what is known about where it comes from; fields that it shares with `Camera` mean the same."""
+    """A printed camera and its provenance; fields shared with `Camera` have the same meaning."""
 
     name: str  # for people
     provenance: tuple[str, ...] = ()  # paragraphs: where the numbers were read, notes
@@ -204,4 +205,4 @@ class PrintedCamera:
     microlenses: MicrolensArray | None = None
     near_mm: float | None = None
     far_mm: float | None = None
-    lost: tuple[Lost, ...] = ()  # statements of the source that this record cannot hold; the lens lists its own
+    lost: tuple[Lost, ...] = ()  # statements of the source that this record cannot hold, besides those of the lens

@@ -10,8 +10,8 @@ from pipeline.camera.parts.polygon import regular
 from pipeline.records.shapes import Float64, Int64
 
 _TOLERANCE_MM = 1e-9
-"""Room at the border of an array [mm], as CONVENTIONS.md states: vertices are sums that round, and stand right on it
-where an extent is a multiple of the pitch."""
+"""Tolerance at the border of an array [mm], as CONVENTIONS.md states: vertices are sums that round, and lie exactly on
+the border where an extent is a multiple of the pitch."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Lattice:
 def lattice(array: MicrolensArray) -> Lattice:
     """All microlenses whose vertex lies in the array's rectangle [-w/2, w/2) x [-h/2, h/2) around its centre.
 
-    Where the array counts its microlenses, the rectangle that holds so many turns along with them.
+    If the array states numbers of microlenses, the rectangle is rotated with them.
     """
     basis = array.pitch_mm * rotation(array) @ _basis(array)
     counted = array.columns is not None
@@ -69,7 +69,7 @@ def extent_mm(array: MicrolensArray) -> tuple[float, float]:
 
 
 def rotation(array: MicrolensArray) -> np.ndarray:
-    """Turn of the lattice in its plane, (2, 2)."""
+    """Rotation of the lattice in its plane, (2, 2)."""
     angle = np.deg2rad(array.rotation_deg)
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 

@@ -1,4 +1,4 @@
-"""Microlens arrays: the record, and the faces of a microlens that has some. Lengths in mm.
+"""Microlens arrays: the record, and the faces of thick microlenses. Lengths in mm.
 
 Lattice, types and models: CONVENTIONS.md, "Microlens lattice".
 """
@@ -19,27 +19,27 @@ from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
 
 PLANE_LIKE = 1e-9
-"""A semi-diameter that fits every sphere, for figures near the axis [mm]."""
+"""Semi-diameter within which every surface is as flat as a plane, for paraxial figures [mm]."""
 
 _MOST_EDGES = 6
-"""Edges that a table of faces has room for: those of a hexagonal cell; a square one has four."""
+"""Straight edges for which a table of faces has room: those of a hexagonal cell; a square one has four."""
 SIN_60 = math.sqrt(3) / 2
 """Distance of the lines of a hexagonal lattice over its pitch [1]."""
 LAYOUTS = ("hexagonal", "hexagonal-columns", "square")
 MODELS = ("thin", "two-plane", "refractive")
 _AGREES = 1e-9
-"""Difference between a stated focal length and that of the faces [relative]: roundings of the two."""
+"""Relative tolerance between a stated focal length and that of the faces: rounding."""
 LEAST_MM = 1e-9
-"""Least length of an array [mm]: less than an atom, and ratios of others to it stay finite."""
+"""Least length of an array [mm]: less than an atom, and ratios to it stay finite."""
 _STRETCH = (0.75, 4 / 3)
-"""Within these ratios of the pitches a cell of a stretched hexagonal lattice still has its six edges."""
+"""Ratios of the pitches within which a cell of a stretched hexagonal lattice keeps its six edges."""
 
 
 @dataclass(frozen=True, slots=True)
 class Faces:
-    """A front face towards the scene, a rear one towards the sensor, and what lies between them.
+    """The front face of a microlens towards the scene, the rear face towards the sensor, and the medium between them.
 
-    Radii are positive when the centre lies towards the sensor; inf is a plane. A plane is one for the whole array and
+    Radii are positive when the centre lies towards the sensor; inf is a plane. A plane is shared by the array and
     blocks nothing; a curved face ends where the microlens does.
     """
 
@@ -57,11 +57,11 @@ class Faces:
 
     @property
     def aperture_is_in_front(self) -> bool:
-        """Whether the aperture that counts is on the front face: it is on the rear one, if that is curved."""
+        """Whether the front face is the aperture: a curved rear face takes precedence."""
         return not self.curved[1]
 
     def prescription(self, semi_diameter_mm: float) -> Prescription:
-        """Both faces as far as a semi-diameter; the rear vertex is the origin."""
+        """Both faces up to a semi-diameter; the rear vertex is the origin."""
         front, rear = (semi_diameter_mm if curved else math.inf for curved in self.curved)
         return Prescription(
             surfaces=(
@@ -90,8 +90,9 @@ class Faces:
 def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float | None, flat: bool) -> np.ndarray:
     """Rows of a microlens for `optics.kernels.trace_packet`, rear face first, about its rear vertex.
 
-    `cell`: corners of the lattice cell, counter-clockwise; `radius_mm`: that of a disc that is the aperture instead.
-    `flat`: whether the front face is traced as the plane through its vertex that does not bend: the two-plane model.
+    `cell`: corners of the lattice cell, counter-clockwise; `radius_mm`: that of a disc that replaces it as the
+    aperture.
+    `flat`: whether the front face is traced as the plane through its vertex without refraction: the two-plane model.
     """
     corner = float(np.hypot(*cell.T).max()) if radius_mm is None else radius_mm
     curved = faces.curved
@@ -109,7 +110,7 @@ def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float 
 
 
 def append_edges(row: Float64[np.ndarray, "n"], cell: Float64[np.ndarray, "m 2"] | None) -> np.ndarray:
-    """A row of a table with a polygon for its aperture, or room for one."""
+    """A row of a table with a polygonal aperture, or with room for one."""
     base = row[: column.COEFFICIENTS].copy()
     edges = np.zeros(0)
     if cell is not None:
@@ -232,7 +233,7 @@ class MicrolensArray:
             raise CameraError(f"a type table must use every one of {count} types, counted from 0")
 
     def with_index(self, index: float) -> "MicrolensArray":
-        """The same faces of a glass of another index: focal lengths follow. Thin microlenses have no index."""
+        """The faces made of a glass of another index, with other focal lengths. Thin microlenses have no index."""
         if self.model == "thin" or self.index is None or index == self.index:
             return self
         if self.model == "refractive":
@@ -247,7 +248,7 @@ class MicrolensArray:
 
     @property
     def nearest_mm(self) -> float:
-        """Distance of the nearest neighbours: the widest disc."""
+        """Distance of the nearest neighbours, which is the diameter of the widest disc."""
         along, across = self.pitches_mm
         return min(along, across if self.layout == "square" else math.hypot(along / 2, across * math.sqrt(3) / 2))
 
@@ -270,7 +271,7 @@ class MicrolensArray:
     def faces(self) -> tuple[Faces, ...]:
         """Both faces of each type; none for thin microlenses.
 
-        Of two-plane microlenses the front face is the sphere whose normals its plane has: R = f (index - 1).
+        The front face of a two-plane microlens is the sphere whose normals its plane has: R = f (index - 1).
         """
         if self.model == "thin":
             return ()
@@ -300,7 +301,7 @@ class MicrolensArray:
 
     @property
     def principal_mm(self) -> tuple[tuple[float, float], ...]:
-        """Per type the distance of the rear principal plane from the sensor, and of the front one, too. [mm]"""
+        """Distances of the rear and the front principal plane of each type from the sensor. [mm]"""
         if self.model == "thin":
             return ((self.distance_mm, self.distance_mm),) * len(self.focal_lengths_mm)
         return tuple(
@@ -309,11 +310,11 @@ class MicrolensArray:
         )
 
     def is_unfocused(self, pixel_mm: float) -> bool:
-        """Whether every type spreads infinity over at most such a pixel: micro-images show the pupil, and no scene."""
+        """Whether every type spreads infinity over at most such a pixel: micro-images show the pupil, not the scene."""
         focal = zip(self.focal_lengths_mm, self.principal_mm, strict=True)
         return all(abs(1 - behind_mm / f) * self.aperture_mm <= pixel_mm for f, (behind_mm, _) in focal)
 
     @property
     def reach_mm(self) -> float:
-        """Distance before the sensor at which the array ends, tilt left out."""
+        """Distance of the front of the array from the sensor, without tilt."""
         return self.distance_mm + (0.0 if self.model == "thin" else self.thickness_mm or 0.0)

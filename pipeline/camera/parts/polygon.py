@@ -1,6 +1,8 @@
 """Star-shaped polygons as sampling regions: uniform points, area, clipping, projected solid angle.
 
-A polygon is a (MAX_VERTICES, 2) buffer and a count, vertices counter-clockwise. Kernels only; lengths in mm.
+The area of a polygon is half the sum of x_i y_(i+1) - x_(i+1) y_i over its edges; Lambert's formula for its projected
+solid angle is stated below. A polygon is a (MAX_VERTICES, 2) buffer and a count, vertices counter-clockwise. Kernels
+only; lengths in mm.
 """
 
 import math
@@ -11,13 +13,13 @@ from pipeline.jit.decorators import inline
 from pipeline.records.shapes import Float64
 
 MAX_VERTICES = 64
-"""Vertices that a buffer holds: an aperture of up to 24 corners that the 24 edges of an outline cut has 48 at most,
-because a cut of a convex polygon adds one."""
+"""Capacity of a buffer: an aperture of up to 24 corners cut by the 24 edges of an outline has 48 at most, because a cut
+of a convex polygon adds one vertex."""
 
 
 @inline
 def fan(polygon, count, cumulative):
-    """Cumulative areas of the triangles around the mean of the vertices, written; the mean, and the area."""
+    """Write the cumulative areas of the triangles around the mean of the vertices; return the mean, and the area."""
     cx, cy = 0.0, 0.0
     for i in range(count):
         cx += polygon[i, 0]
@@ -63,7 +65,10 @@ def point_in_fan(polygon, count, cumulative, cx, cy, u, v):
 
 @inline
 def clip(polygon, count, nx, ny, limit, scratch):
-    """Keep the part of a convex polygon where nx x + ny y <= limit, in place; returns the new count."""
+    """Clip a convex polygon to the half plane nx x + ny y <= limit, in place; returns the new count.
+
+    Algorithm of Sutherland and Hodgman, Commun. ACM 17, 1974, 32.
+    """
     crosses = False
     for i in range(count):
         crosses |= nx * polygon[i, 0] + ny * polygon[i, 1] > limit
@@ -72,13 +77,13 @@ def clip(polygon, count, nx, ny, limit, scratch):
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0
-        here = nx * polygon[i, 0] + ny * polygon[i, 1] - limit
-        there = nx * polygon[j, 0] + ny * polygon[j, 1] - limit
-        if here <= 0.0 and kept < MAX_VERTICES:
+        excess = nx * polygon[i, 0] + ny * polygon[i, 1] - limit
+        next_excess = nx * polygon[j, 0] + ny * polygon[j, 1] - limit
+        if excess <= 0.0 and kept < MAX_VERTICES:
             scratch[kept, 0], scratch[kept, 1] = polygon[i, 0], polygon[i, 1]
             kept += 1
-        if here * there < 0.0 and kept < MAX_VERTICES:
-            t = here / (here - there)
+        if excess * next_excess < 0.0 and kept < MAX_VERTICES:
+            t = excess / (excess - next_excess)
             scratch[kept, 0] = polygon[i, 0] + t * (polygon[j, 0] - polygon[i, 0])
             scratch[kept, 1] = polygon[i, 1] + t * (polygon[j, 1] - polygon[i, 1])
             kept += 1
@@ -125,7 +130,7 @@ def regular(sides: int, inradius: float, first_deg: float) -> np.ndarray:
 
 
 def rim_of(corners: Float64[np.ndarray, "n 2"], count: int) -> np.ndarray:
-    """Points evenly along the edges of a polygon, its corners among them, (count, 2)."""
+    """Points spaced evenly along the edges of a polygon, its corners among them, (count, 2)."""
     share = np.arange(count // len(corners)) / (count // len(corners))
     edge = np.roll(corners, -1, axis=0) - corners
     return (corners[:, None] + share[:, None] * edge[:, None]).reshape(-1, 2)

@@ -1,7 +1,7 @@
-"""Light of several wavelengths: a colour channel of a camera as a few wavelengths with their shares.
+"""Light of several wavelengths: a colour channel of a camera as a few weighted wavelengths.
 
-Glass changes smoothly with the wavelength, so that few wavelengths stand for it. Colours do not: each of these
-wavelengths stands for a stretch of the spectrum, and scenes are seen in thin slices of that.
+Refractive indices vary smoothly with the wavelength, so few wavelengths represent them. Colours do not: each of these
+wavelengths represents a band of the spectrum, and scenes are evaluated in thin slices of it.
 """
 
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ from pipeline.records.declared import settle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectralNode:
-    """One wavelength of a channel, and what the glasses of a camera are at it."""
+    """One wavelength of a channel, with the refractive indices of a camera at it."""
 
     wavelength_nm: float  # wavelength in standard air
-    # Share of the channel's signal that this wavelength stands for, where all of them pass the lens alike
+    # Weight of this wavelength in the channel's signal, if all of them pass the lens alike
     weight: float
     indices: tuple[float, ...]  # refractive index behind each surface of the lens, relative to air
     microlens_index: float | None = None  # index of the microlenses; None where there are none, or thin ones
@@ -29,18 +29,18 @@ class SpectralNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slice:
-    """A thin slice of a spectrum, as scenes are seen in it: wavelengths [nm] with shares, whose sum is 1."""
+    """A thin slice of a spectrum in which scenes are evaluated: wavelengths [nm] with shares, whose sum is 1."""
 
     wavelengths_nm: tuple[float, ...]
     shares: tuple[float, ...]
 
 
 Slices = tuple[Slice, ...]
-"""Slices of equal weight, together the light that one wavelength of a camera stands for."""
+"""Slices of equal weight, together the light that one wavelength of a camera represents."""
 
 
 def alone(wavelength_nm: float) -> Slices:
-    """Light of one wavelength and no other."""
+    """Light of a single wavelength."""
     return (Slice(wavelengths_nm=(wavelength_nm,), shares=(1.0,)),)
 
 
@@ -49,8 +49,8 @@ class Channel:
     """A colour channel of a camera."""
 
     name: str
-    # Its mean wavelength, for what one ray stands for: chief rays, centres of micro-images, first guesses
+    # Its mean wavelength, for single rays: chief rays, centres of micro-images, first guesses
     middle: SpectralNode
-    nodes: tuple[SpectralNode, ...]  # the wavelengths that stand for it; their weights sum up to 1
-    # How each of them sees colours; ground truth, which is that of a white target, does without
+    nodes: tuple[SpectralNode, ...]  # the wavelengths that represent it; their weights sum up to 1
+    # Spectrum of each of them for colours; ground truth, which is that of a white target, has none
     slices: tuple[Slices, ...] = ()

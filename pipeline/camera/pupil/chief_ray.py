@@ -1,7 +1,8 @@
 """The real chief ray: from a point behind the lens backwards through the centre of the aperture stop.
 
-The centre of the stop is its vertex, wherever the stop stands. In a centred lens the ray stays in the plane of its
-point and the axis, and one height is sought; in any other lens two coordinates are.
+The centre of the stop is its vertex, displaced or not. The crossing x of the ray with the rear vertex plane solves m(x)
+= 0, m the hit on the stop relative to its centre. In a centred lens the ray stays in the plane of its point and the
+axis, and x is a height, found by the secant method; in any other lens x has two coordinates, found by Newton's method.
 
 `table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
@@ -16,22 +17,24 @@ from pipeline.optics.table import ENTRY, VERTEX, is_centred, motion_of, unbounde
 from pipeline.records.shapes import Float64
 
 _STEPS = 25
-"""Steps of Newton's method or of the secant method at most: both multiply digits near the end."""
+"""Most steps of Newton's method or of the secant method: both multiply digits near the end."""
 _TOLERANCE_MM = 1e-12
-"""Distance from the centre of the stop that ends a search [mm]: about 70 roundings of a length near 100 mm."""
+"""Distance from the centre of the stop at which a search has converged [mm]: about 70 roundings of a length near 100
+mm."""
 _ACCEPTED_MM = 1e-9
-"""Distance at which a ray still is a chief ray [mm]: roundings of steep rays keep some searches from their end."""
+"""Distance at which a ray still is a chief ray [mm]: for steep rays rounding prevents full convergence."""
 _DIFFERENCE_MM = 1e-4
-"""Difference of derivatives [mm]: roundings, 1e-13 mm, leave nine digits, and what is wrong costs a step, no more."""
+"""Step of finite differences [mm]: roundings of 1e-13 mm leave nine digits, and an error costs one more step at
+most."""
 _HALVINGS = 10
-"""Halvings of a step that comes no nearer, at most: to a thousandth of it."""
+"""Most halvings of a step that comes no nearer: to a thousandth of it."""
 _REACHES = 2.0
-"""Half of the way that is searched for a crossing where secants fail, over paraxial crossing and distance together [1]:
-rays of more than 60 degrees."""
+"""Half width of the search for a crossing where secants fail, over paraxial crossing plus distance [1]: rays of more
+than 60 degrees."""
 _TRIED = 4001
-"""Crossings that are tried there: two changes of sign closer than a 2000th of the half way are not seen."""
+"""Crossings that are tried there: two changes of sign closer than a 2000th of the half width are missed."""
 _BISECTIONS = 60
-"""Halvings between two of them: a double has 53 bits."""
+"""Bisections between two of them: a double has 53 bits."""
 _NO_CHIEF_RAY = "no ray from {} mm off the axis reaches the centre of the aperture stop"
 TOO_WIDE = "the lens has no image so far off its axis: is the pixel pitch in mm, and the sensor or array not too large?"
 
@@ -39,11 +42,12 @@ TOO_WIDE = "the lens has no image so far off its axis: is the pixel pitch in mm,
 def chief_slopes(
     table: Float64[np.ndarray, "n columns"], stop_row: int, points_mm: Float64[np.ndarray, "m 3"]
 ) -> np.ndarray:
-    """Slopes dx/dz and dy/dz with which the chief rays of points behind the lens start, (m, 2), vision frame.
+    """Initial slopes dx/dz and dy/dz of the chief rays of points behind the lens, (m, 2), vision frame.
 
     Raises CameraError: the rear group lets no such ray through.
     """
-    across, ahead = points_mm[:, :2], (table[0, VERTEX] - points_mm[:, 2])[:, None]
+    across = points_mm[:, :2]
+    ahead = (table[0, VERTEX] - points_mm[:, 2])[:, None]
     if not is_centred(table[: stop_row + 1]):
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
@@ -52,11 +56,11 @@ def chief_slopes(
         return (crossing - across) / ahead
     # The crossing is an odd, smooth function of the height: trace each height once.
     height = np.hypot(*across.T)
-    unique, which = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
+    unique, row_of = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
     crossing_at = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
     if np.isnan(crossing_at).any():
         raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(crossing_at), 0].max():.4g}"), hint=TOO_WIDE)
-    crossing = crossing_at[which.reshape(-1)]
+    crossing = crossing_at[row_of.reshape(-1)]
     outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
     return (crossing - height)[:, None] * outward / ahead
 
@@ -66,58 +70,61 @@ def chief_crossings(
 ) -> np.ndarray:
     """Crossings of the chief rays of points with the rear vertex plane, in any lens, (m, 2) [mm]; NaN: none.
 
-    Parameters are those of `chief_slopes`. Newton's method with differences for derivatives; a step that comes no
-    nearer to the centre of the stop is halved.
+    Parameters are those of `chief_slopes`. Newton's method with finite differences; a step that does not reduce the
+    distance from the centre of the stop is halved (damped Newton).
     """
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
-    place, miss = _nearest_start(rear, points_mm)
+    crossing, miss = _nearest_start(rear, points_mm)
     for _ in range(_STEPS):
+        # Find the Newton step from a Jacobian by finite differences.
         jacobian = np.stack(
             [
-                (_stop_miss(rear, points_mm, place + step) - miss) / _DIFFERENCE_MM
+                (_stop_miss(rear, points_mm, crossing + step) - miss) / _DIFFERENCE_MM
                 for step in _DIFFERENCE_MM * np.eye(2)
             ],
             axis=2,
         )
         regular = np.isfinite(jacobian).all(axis=(1, 2))
         regular[regular] = np.linalg.det(jacobian[regular]) != 0
-        wanted = np.zeros_like(place)
+        wanted = np.zeros_like(crossing)
         wanted[regular] = np.linalg.solve(jacobian[regular], miss[regular, :, None])[..., 0]
+        # Halve the steps that come no nearer to the centre of the stop.
         open_ = _length(miss) > _TOLERANCE_MM
         for halving in range(_HALVINGS):
-            trial = place - wanted / 2**halving
+            trial = crossing - wanted / 2**halving
             trial_miss = _stop_miss(rear, points_mm, trial)
             better = open_ & (_length(trial_miss) < _length(miss))
-            place, miss = np.where(better[:, None], trial, place), np.where(better[:, None], trial_miss, miss)
+            crossing, miss = np.where(better[:, None], trial, crossing), np.where(better[:, None], trial_miss, miss)
             open_ &= ~better
             if not open_.any():
                 break
         if not (_length(miss) > _TOLERANCE_MM).any():
             break
-    return np.where((_length(miss) < _ACCEPTED_MM)[:, None], place, np.nan)
+    return np.where((_length(miss) < _ACCEPTED_MM)[:, None], crossing, np.nan)
 
 
 def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The crossing whose ray comes nearest to the centre of the stop, and by how much it misses."""
-    place = np.zeros((len(points), 2))
+    """The best of a few crossings to start from, and its miss of the centre of the stop."""
+    crossing = np.zeros((len(points), 2))
     miss = np.full((len(points), 2), np.inf)
     for share in (0.0, 0.25, 0.5, -0.25):
         trial = motion_of(rear[0], ENTRY)[:2, 3] + share * points[:, :2]
         trial_miss = _stop_miss(rear, points, trial)
         better = (_length(trial_miss) < _length(miss))[:, None]
-        place, miss = np.where(better, trial, place), np.where(better, trial_miss, miss)
-    return place, miss
+        crossing, miss = np.where(better, trial, crossing), np.where(better, trial_miss, miss)
+    return crossing, miss
 
 
 def _stop_miss(rear: np.ndarray, points: np.ndarray, crossings: np.ndarray) -> np.ndarray:
     """Hits on the stop, from its centre, of rays through points and crossings of the rear vertex plane; NaN: a miss."""
     aim = np.concatenate([crossings, np.full((len(crossings), 1), rear[0, VERTEX])], axis=1)
-    position, direction = points.copy(), aim - points
+    position = points.copy()
+    direction = aim - points
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     alive = np.ones(len(points))
     trace_rays(rear, position, direction, alive)
-    seen = apply(inverse(motion_of(rear[-1])), position)[:, :2]
-    return np.where(alive[:, None] > 0, seen, np.nan)
+    on_stop = apply(inverse(motion_of(rear[-1])), position)[:, :2]
+    return np.where(alive[:, None] > 0, on_stop, np.nan)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
@@ -139,15 +146,16 @@ def chief_heights(
     if np.isclose(rear[-1, 0], rear[0, 0]):
         return np.zeros_like(heights)
     newer, miss = _by_secants(rear, plane_mm, heights)
-    places = np.broadcast_to(plane_mm, heights.shape)
+    planes = np.broadcast_to(plane_mm, heights.shape)
     for row in np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM)):
-        newer[row] = _by_halving(rear, float(places[row]), float(heights[row]))
+        newer[row] = _by_bisection(rear, float(planes[row]), float(heights[row]))
     return newer
 
 
 def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Crossings of the rear vertex plane by the secant method, and how far their rays miss the centre of the stop."""
-    older, newer = np.zeros_like(heights), heights * 1e-3 + 1e-3
+    """Crossings of the rear vertex plane by the secant method, and the misses of their rays at the stop."""
+    older = np.zeros_like(heights)
+    newer = heights * 1e-3 + 1e-3
     miss_older, miss_newer = (_stop_height(rear, plane_mm, heights, r) for r in (older, newer))
     for _ in range(_STEPS):
         slope = (miss_newer - miss_older) / np.where(newer == older, 1.0, newer - older)
@@ -158,10 +166,10 @@ def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndar
     return newer, miss_newer
 
 
-def _by_halving(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
-    """Crossing of a point's chief ray with the rear vertex plane, where steep rays led the secants astray; NaN: none.
+def _by_bisection(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
+    """Crossing of a point's chief ray with the rear vertex plane where the secant method failed; NaN: none.
 
-    Of several crossings it is the one nearest to where the centre of the stop seems to stand from near the axis.
+    Among several crossings, the one nearest to the paraxial crossing.
     """
     near = np.array([1e-3 * height_mm])
     per_mm = float(_by_secants(rear, plane_mm, near)[0][0] / near[0])

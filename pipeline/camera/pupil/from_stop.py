@@ -1,10 +1,10 @@
-"""The entrance pupil of every direction: real chief rays from the centre of the stop out into the scene.
+"""The entrance pupil as seen from any direction: real chief rays from the centre of the stop out into the scene.
 
-The paraxial entrance pupil is where the stop seems to stand from near the axis. Before a fisheye it moves out, forward
-and to the side, as the eye does, and rays from beyond 90 degrees come from behind the plane of the first vertex: who
-aims at the paraxial one misses the lens. A fan of rays that starts at the stop needs no aim.
+The paraxial entrance pupil is the image of the stop from near the axis. In front of a fisheye the pupil moves forward
+and to the side with the direction, and rays from beyond 90 degrees come from behind the plane of the first vertex: an
+aim at the paraxial pupil misses the lens. A fan of rays that starts at the stop needs no aim.
 
-Displaced surfaces count as if they stood in their place: what is found here is where to look, and no result.
+Displaced surfaces count as centred: the fan only guides a search, and is no result.
 """
 
 import functools
@@ -21,19 +21,19 @@ _RAYS = 1024
 """Rays of the fan between the axis and 90 degrees at the stop: neighbours leave a fisheye some tenths of a degree apart
 at the edge of its field."""
 _SPREAD = 1.5
-"""Semi-axes of aims around a chief ray over those of its pencil, which changes across it."""
+"""Semi-axes of aims around a chief ray over those of its pencil, which varies across it."""
 _GRID = np.stack(np.meshgrid(*[np.linspace(-1, 1, 12)] * 2), axis=-1).reshape(-1, 2)
 _DISC = _GRID[np.hypot(*_GRID.T) <= 1]
-"""Aims around a chief ray over their semi-axes: in its plane with the axis, and across."""
+"""Aims around a chief ray over their semi-axes: in the meridional plane, and across."""
 WIDE_RAD = np.radians(80.0)
-"""Angle with the axis from which on a ray hardly meets planes across the axis, and beyond which a camera is wide."""
+"""Angle with the axis at which a ray hardly meets planes across the axis, and beyond which a camera is wide."""
 
 
 @dataclass(frozen=True, slots=True)
 class PupilFan:
     """Chief rays from the axis to the edge of the field, half of the meridional plane, vision frame."""
 
-    # Where they leave the first surface: distance from the axis, vision z; angle with the axis behind it
+    # Exit from the first surface: distance from the axis, vision z; angle with the axis in the scene
     height_mm: Float64[np.ndarray, "n"]
     z_mm: Float64[np.ndarray, "n"]
     angle_rad: Float64[np.ndarray, "n"]
@@ -43,12 +43,12 @@ class PupilFan:
 
     @property
     def widest_rad(self) -> float:
-        """Angle with the axis at the edge of the field, whatever the sensor."""
+        """Angle with the axis at the edge of the field, regardless of the sensor."""
         return float(self.angle_rad[-1])
 
     @property
     def is_wide(self) -> bool:
-        """Whether what stands beside the lens may be seen; a stop before all surfaces tells nothing of that."""
+        """Whether points beside the lens may be visible; a stop in front of all surfaces does not tell: false."""
         return bool(self.height_mm[-1] > 0 and self.widest_rad > WIDE_RAD)
 
     def past_mm(self, points_mm: Float64[np.ndarray, "n 3"], ray: slice = slice(None)) -> np.ndarray:
@@ -58,7 +58,7 @@ class PupilFan:
         return np.asarray(across * np.cos(self.angle_rad[ray]) - ahead * np.sin(self.angle_rad[ray]))
 
     def in_field(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Whether points that are no part of the lens have a chief ray, (n,) bool."""
+        """Whether points outside of the lens have a chief ray, (n,) bool."""
         return self.past_mm(points_mm, slice(-1, None))[:, 0] <= 0
 
     def may_see(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
@@ -82,32 +82,33 @@ class PupilFan:
 
 @functools.lru_cache(maxsize=64)
 def pupil_fan(prescription: Prescription) -> PupilFan:
-    """Trace the fan of a lens; where the stop comes first its rays leave it as they start."""
+    """Trace the fan of a lens; rays of a stop in front leave as they start."""
     table = enclosing(towards_scene(prescription))[len(prescription.surfaces) - prescription.stop_index :].copy()
     table[:, POSE] = 0.0
     before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
     start = np.pi / 2 * np.arange(_RAYS) / _RAYS
-    way = np.column_stack([np.sin(start), np.zeros(_RAYS), np.cos(start)])
-    place, way, passes = traced(table, np.zeros((_RAYS, 3)), way)
+    direction = np.column_stack([np.sin(start), np.zeros(_RAYS), np.cos(start)])
+    position, direction, passes = traced(table, np.zeros((_RAYS, 3)), direction)
     count = _RAYS if passes.all() else max(2, int(np.argmin(passes)))  # a stop without light still has an axis
-    angle = np.arctan2(way[:count, 0], way[:count, 2])
+    angle = np.arctan2(direction[:count, 0], direction[:count, 2])
     # By the invariant of Lagrange, along the meridional plane and across it.
-    semi_mm, sine = _SPREAD * before * prescription.stop.semi_diameter_mm, np.maximum(np.sin(angle), 1e-12)
+    semi_mm = _SPREAD * before * prescription.stop.semi_diameter_mm
+    sine = np.maximum(np.sin(angle), 1e-12)
     with np.errstate(divide="ignore"):  # parallel rays: the pupil of a telecentric lens is as wide as its field
         along = np.cos(start[:count]) / np.gradient(angle, start[:count])
     across = np.where(start[:count] > 0, np.sin(start[:count]) / sine, along)
-    return PupilFan(np.abs(place[:count, 0]), place[:count, 2], angle, semi_mm * np.abs(along), semi_mm * across)
+    return PupilFan(np.abs(position[:count, 0]), position[:count, 2], angle, semi_mm * np.abs(along), semi_mm * across)
 
 
 def is_steep(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-    """Whether points are seen so far off the axis that planes across it are no measure of depth, (n,) bool."""
+    """Whether points are so far off the axis that their vision z is no measure of depth, (n,) bool."""
     fan = pupil_fan(prescription)
     ahead_mm = points_mm[:, 2] - fan.z_mm[0]
     return ahead_mm * np.tan(WIDE_RAD) < np.hypot(points_mm[:, 0], points_mm[:, 1])
 
 
 def depths_mm(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
-    """Vision z of points, or of steep ones that of a point on the axis as far from the first vertex, (n,)."""
+    """Depths of points, (n,): vision z, or for steep points that of a point on the axis at their distance."""
     front = np.array([0.0, 0.0, pupil_fan(prescription).z_mm[0]])
     along = front[2] + np.linalg.norm(points_mm - front, axis=1)
     return np.where(is_steep(prescription, points_mm), along, points_mm[:, 2])

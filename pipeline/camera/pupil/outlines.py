@@ -1,15 +1,15 @@
 """Outlines of the rays that pass a lens backwards, on its rear vertex plane.
 
-From a point on a plane behind the lens (sensor or microlens array) the rays that pass fill a region of the rear vertex
-plane. Its edge is traced and enclosed by a polygon whose edges support it, with normals in `DIRECTIONS` fixed
-directions: corners of a vignetted pupil stay inside, and polygons of different points can be interpolated vertex by
-vertex, so that bounds are continuous in the field. Outlines only bound the sampling: they are inflated, and every ray
-is still clipped at every surface.
+From a point on a plane behind the lens (sensor or microlens array) the passing rays fill a region of the rear vertex
+plane. Its boundary is traced and enclosed by a polygon of support lines n_i . x = h_i, h_i the maximum of n_i . x over
+the boundary, with normals n_i in `DIRECTIONS` fixed directions. So corners of a vignetted pupil stay inside, and
+polygons of different points can be interpolated vertex by vertex, so that bounds are continuous in the field. Outlines
+only bound the sampling: they are inflated, and every ray is still clipped at every surface.
 
-Outlines of a centred lens of rotationally symmetric apertures turn with the azimuth of their point: one per height off
-the axis is enough. Any other lens has a grid of them over the plane. Polygons, rectangles and obstructions do not turn:
-outlines are those of the circles around all apertures, which let pass whatever the apertures do. Bounds are looser by
-the share of the circle that an aperture covers; no ray is lost.
+In a centred lens of rotationally symmetric apertures an outline rotates with the azimuth of its point: one per height
+off the axis suffices. Any other lens has a grid of them over the plane. Polygons, rectangles and obstructions do not
+rotate: outlines are those of the circles around all apertures, which pass at least as much. Bounds are looser by the
+share of the circle that an aperture covers; no ray is lost.
 
 `table` is one of `optics.table.towards_scene`, `stop_row` the row of its aperture stop.
 """
@@ -36,30 +36,31 @@ from pipeline.optics.table import (
 from pipeline.records.shapes import Float64
 
 _KEPT = 8
-"""Outlines that are kept for other tracers of a lens: more than a camera has planes, and few enough to hold."""
+"""Outlines that are kept for other tracers of a lens: more than the planes of a camera, and few enough to hold."""
 HEIGHTS = 48
-"""Heights from the axis to the farthest point; `MARGIN` covers what lies between."""
+"""Heights from the axis to the farthest point; `MARGIN` covers the interpolation between them."""
 DIRECTIONS = 24
-"""Edges of an outline, 15 degrees apart: around a circle it is 0.6 percent larger in area, rays that are lost."""
+"""Edges of an outline, 15 degrees apart: around a circle it is 0.6 percent larger in area, which costs rays."""
 MARGIN = 0.02
 """Inflation of an outline about its centre [1]: covers interpolation in height and between traced directions."""
 _TRACED = 720
-"""Directions of an edge, half a degree apart: 30 per edge of an outline."""
+"""Directions of a boundary, half a degree apart: 30 per edge of an outline."""
 _BISECTIONS = 26
-"""Halvings of the way to an edge, 2.5 semi-diameters of the rear surface: to 4e-8 of one."""
+"""Bisections of a boundary within 2.5 semi-diameters of the rear surface: to 4e-8 of one."""
 _GRID = 65
 """Rays along each side of a grid where the chief ray does not pass: a sliver narrower than a 64th counts as dark."""
 _LIT_STEPS = 24
-"""Parts of the way that are looked at first: light that comes and goes within one of them is not seen."""
+"""Intervals of the first scan for light: light that comes and goes within one of them is missed."""
 _LIT_BISECTIONS = 12
-"""Halvings of the part in which light ends: 1 / (24 * 4096), the 1e-5 that `lit_share` states."""
+"""Bisections of the interval in which light ends: 1 / (24 * 4096), the 1e-5 that `lit_share` states."""
 _NODES = 12
-"""Steps from the middle of a grid to its farther edge; what interpolation leaves between is added to an outline."""
+"""Steps from the middle of a grid to its farther edge; the interpolation error between them is added to an outline."""
 _GRID_TRACED, _GRID_BISECTIONS = 240, 16
-"""Directions and halvings of an edge in a grid, which has hundreds of points: ten directions per edge of an outline,
-and 4e-5 of a semi-diameter, far less than the margin."""
+"""Directions and bisections of a boundary in a grid, which has hundreds of points: ten directions per edge of an
+outline, and 4e-5 of a semi-diameter, far less than the margin."""
 _DARK_RINGS = 2
-"""Rings of dark points that outlines go on to: interpolation reads the first, second differences there the second."""
+"""Rings of dark points to which outlines are extended: interpolation reads the first, second differences there the
+second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +101,10 @@ def outlines(prescription: Prescription, plane_mm: float, max_height_mm: float, 
 
 def _vertices(support: np.ndarray, margin: float) -> np.ndarray:
     """Outlines of all heights from their supports, (HEIGHTS, DIRECTIONS, 2); dark heights are NaN, and become zero."""
-    # Besides the margin they are widened where supports bend from height to height by more than half of it, as where
-    # another rim begins to cut: half of the larger second difference at both ends of an interval bounds the error of
-    # the interpolation in it. A dark height beside a lit one has that one's outline, joined with the same moved on:
-    # light may end anywhere in between.
+    # Outlines are widened beyond the margin where supports bend from height to height by more than half of it, as
+    # where another rim begins to cut: half of the larger second difference at both ends of an interval bounds the error
+    # of the interpolation in it. A dark height beside a lit one takes that one's outline, joined with its
+    # extrapolation: light may end anywhere in between.
     normals = directions_of(DIRECTIONS)
     beyond = np.pad(support, ((2, 2), (0, 0)), constant_values=np.nan)
     for beside, before in ((beyond[1:-3], beyond[:-4]), (beyond[3:-1], beyond[4:])):
@@ -138,7 +139,7 @@ def passing_points(
     chief: Float64[np.ndarray, "n 2"],
     middle: Float64[np.ndarray, "2"],
 ) -> np.ndarray:
-    """The crossings of chief rays where they pass, else inner points by a grid about a middle, (n, 2); NaN: dark."""
+    """Crossings of chief rays if they pass, else interior points from a grid about a middle, (n, 2); NaN: dark."""
     result = chief.copy()
     radius = np.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     u = np.linspace(-radius, radius, _GRID)
@@ -174,12 +175,12 @@ def directions_of(count: int) -> np.ndarray:
 
 
 def supports(points: Float64[np.ndarray, "n m 2"]) -> np.ndarray:
-    """Farthest reach of sets of points (n, m, 2) along the normals of the edges of an outline, (n, DIRECTIONS)."""
+    """Supports of sets of points (n, m, 2) along the normals of an outline's edges, (n, DIRECTIONS)."""
     return (points @ directions_of(DIRECTIONS).T).max(axis=1)
 
 
 def corners(support: Float64[np.ndarray, "..."]) -> np.ndarray:
-    """Polygons (..., DIRECTIONS, 2) whose edges have the normals of an outline and lie at distances (..., DIRECTIONS).
+    """Polygons (..., DIRECTIONS, 2) from the supports (..., DIRECTIONS) of an outline's edges.
 
     Neighbouring support lines n_i . x = h_i meet in a vertex.
     """
@@ -197,9 +198,9 @@ def lit_share(
     start_mm: Float64[np.ndarray, "3"],
     end_mm: Float64[np.ndarray, "3"],
 ) -> float:
-    """The share of the way between two points behind the lens up to which light arrives: 1 if it does at the end.
+    """The share of the distance between two points behind the lens up to which light arrives: 1 if it does at the end.
 
-    Right to 1e-5, if light arrives at the first one and ends once along the way; a sliver of the pupil that is narrower
+    Right to 1e-5, if light arrives at the first point and ends once in between; a sliver of the pupil that is narrower
     than 1/64 of the rear surface and has no chief ray counts as dark.
     """
     table = enclosing(table)
@@ -230,7 +231,7 @@ def grid_outlines(
     """Trace the outlines of any lens for a grid of points of a plane behind it.
 
     `middle_mm`: middle of the grid, film frame.
-    `half_extents_mm`: largest distances from there, along x and y, of points that will be asked for.
+    `half_extents_mm`: half widths of the area that the grid serves, along x and y.
     `slack_mm`: distance from its point at which an outline, moved by the drift, still has to hold.
     """
     table, stop_row = _rear_of(prescription, film)
@@ -238,11 +239,13 @@ def grid_outlines(
     columns, rows = (max(3, 2 * int(np.ceil(extent / step - 1e-9)) + 1) for extent in half_extents_mm)
     y, x = (axis - axis.mean() for axis in np.mgrid[:rows, :columns] * step)
     starts = np.array(middle_mm) + np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    # Trace the outline at every node, and the drift from node to node.
     traced = _traced(table, stop_row, starts).reshape(rows, columns, DIRECTIONS)
     centre = corners(traced).mean(axis=2)
     along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
-    known = along[~np.isnan(along)]
-    drift = float(np.median(known)) if known.size else 0.0
+    finite = along[~np.isnan(along)]
+    drift = float(np.median(finite)) if finite.size else 0.0
+    # Extend outlines into the dark, and widen them by the margin and the error of interpolation.
     shift = drift * step * directions_of(DIRECTIONS)
     reach = _continued(traced, shift)
     wide = np.nan_to_num(_bend(reach) + slack_mm / step * _slope(reach, shift))
@@ -251,7 +254,7 @@ def grid_outlines(
 
 
 def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
-    """Supports of what passes from each point, (n, DIRECTIONS); NaN where nothing passes."""
+    """Supports of the passing rays from each point, (n, DIRECTIONS); NaN where nothing passes."""
     middle = motion_of(table[0], ENTRY)[:2, 3]
     inside = passing_points(table, starts, chief_crossings(table, stop_row, starts), middle)
     lit = ~np.isnan(inside[:, 0])
@@ -263,8 +266,8 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
 
 
 def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Supports with those of lit neighbours, moved by the drift, in two rings around the lit part of the grid."""
-    # Where light ends between two points the outline must not shrink towards nothing before it does.
+    """Supports extended by those of lit neighbours, moved by the drift, in two rings around the lit part."""
+    # Where light ends between two points the outline must not shrink to nothing before the light does.
     for _ in range(_DARK_RINGS):
         padded = np.pad(reach, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
         rows, columns = reach.shape[:2]
@@ -278,7 +281,7 @@ def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
 
 
 def _bend(reach: np.ndarray) -> np.ndarray:
-    """Largest error of a support interpolated next to each point, (rows, columns)."""
+    """Largest interpolation error of a support next to each point, (rows, columns)."""
     # Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
     # where a kink lies inside: vignetting begins there.
     total = np.zeros(reach.shape[:2])
@@ -290,7 +293,7 @@ def _bend(reach: np.ndarray) -> np.ndarray:
 
 
 def _slope(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Largest change of a support from a point to the next, besides the drift, (rows, columns)."""
+    """Largest change of a support from a point to the next, less the drift, (rows, columns)."""
     squared = np.zeros(reach.shape[:2])
     for axis in (0, 1):
         change = np.abs(np.diff(reach, axis=axis) - shift[:, 1 - axis])

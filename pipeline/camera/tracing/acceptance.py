@@ -1,9 +1,9 @@
-"""Share of a ray that a pixel takes, by its angle with the axis, and weights of apertures with it. Kernels only.
+"""Angular response of pixels, and the weight of an aperture with it. Kernels only.
 
-`acceptance` is a `camera.tracing.records.Acceptance`. With theta the angle to the axis and A its
-acceptance, the weight of a region is the integral of A cos(theta) d omega, or of A over its area. It is a sum over the
-region's edges of the integral of G d phi, where phi is the azimuth seen from the sensor position and G(theta) the
-integral of A cos sin from 0 to theta, or of A tan / cos^2 times the squared distance of the region's plane.
+`acceptance` is a `camera.tracing.records.Acceptance`. With theta the angle to the axis and A its acceptance, the weight
+of a region is the integral of A cos(theta) d omega, or of A over its area. By Stokes's theorem it is the sum over the
+region's edges of the integral of G d phi, phi the azimuth as seen from the sensor position and G(theta) the integral of
+A cos sin from 0 to theta, or of A tan / cos^2 times the squared distance of the region's plane.
 """
 
 import math
@@ -14,18 +14,18 @@ from pipeline.camera.parts.polygon import area, projected_solid_angle
 from pipeline.jit.decorators import inline
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
-"""Nodes along a piece of an edge on [-1, 1], and their weights: exact to the 31st degree, of a smooth integrand."""
+"""Gauss-Legendre nodes along a piece of an edge on [-1, 1], and their weights: exact to the 31st degree."""
 
 
 @inline
 def is_limited(acceptance):
-    """Whether pixels take less than all of the light."""
+    """Whether pixels accept less than all of the light."""
     return acceptance.power > 0.0 or acceptance.half_angle > 0.0
 
 
 @inline
 def accepted_share(acceptance, cosine):
-    """The share of a ray whose angle with the axis has this cosine."""
+    """Acceptance of a ray whose angle with the axis has this cosine."""
     if acceptance.power > 0.0:
         return cosine**acceptance.power
     beyond = math.acos(min(cosine, 1.0)) - acceptance.half_angle
@@ -36,7 +36,7 @@ def accepted_share(acceptance, cosine):
 
 @inline
 def region_weight(polygon, count, x, y, distance, acceptance):
-    """Weight of a polygon in the plane z = distance, seen from (x, y, 0) [sr, by area mm^2]."""
+    """Weight of a polygon in the plane z = distance, as seen from (x, y, 0) [sr, by area mm^2]."""
     if not is_limited(acceptance):
         if acceptance.by_area:
             return area(polygon, count)
@@ -52,7 +52,7 @@ def region_weight(polygon, count, x, y, distance, acceptance):
 
 @inline
 def _edge_weight(ax, ay, bx, by, acceptance):
-    """Contribution of an edge in the plane at distance 1, cut where it crosses the circles of the cone."""
+    """Contribution of an edge in the plane at distance 1, split where it crosses the circles of the cone."""
     ex, ey = bx - ax, by - ay
     length = math.sqrt(ex * ex + ey * ey)
     if length == 0.0:
@@ -60,18 +60,19 @@ def _edge_weight(ax, ay, bx, by, acceptance):
     off = (ax * ey - ay * ex) / length
     start, end = (ax * ex + ay * ey) / length, (bx * ex + by * ey) / length
     inner, outer = _circle(acceptance, 0.0, off), _circle(acceptance, acceptance.roll_off, off)
-    total, here = 0.0, start
+    total = 0.0
+    piece_start = start
     for mark in (-outer, -inner, inner, outer, math.inf):
-        there = min(max(mark, here), end)
-        if there > here:
-            total += _piece_weight(off, here, there, acceptance)
-        here = there
+        piece_end = min(max(mark, piece_start), end)
+        if piece_end > piece_start:
+            total += _piece_weight(off, piece_start, piece_end, acceptance)
+        piece_start = piece_end
     return total
 
 
 @inline
 def _circle(acceptance, roll_off, off):
-    """Half the length that a circle of the cone cuts out of a line; inf without a cone."""
+    """Half the length of the chord that a circle of the cone cuts from a line; inf without a cone."""
     angle = acceptance.half_angle + roll_off
     if not acceptance.half_angle > 0.0 or angle >= 0.5 * math.pi:
         return math.inf
@@ -142,7 +143,8 @@ def _inner_area(squared, acceptance):
 
 @inline
 def disc_weight(radius, x, y, distance):
-    """Integral of cos(theta) d omega over a disc about the origin of the plane z = distance, seen from (x, y, 0) [sr].
+    """Integral of cos(theta) d omega over a disc about the origin of the plane z = distance, as seen from (x, y, 0)
+    [sr].
 
     pi times the view factor of a parallel disc: Howell, A Catalog of Radiation Heat Transfer Configuration Factors.
     """

@@ -1,8 +1,8 @@
-"""Beams: a few rays around and inside of all that leaves the camera from each of many blocks of the sensor.
+"""Beams: a few rays that bound and sample the light of each of many blocks of the sensor.
 
-A block is what one microlens lights, or a tile of a sensor without microlenses. Its rays start at the nodes of a grid;
-between nodes they change so smoothly that a cubic tells where those of any pixel of the block lead. Apertures of the
-main lens do not stop them: the rays only say where light may go.
+A block is the micro-image of one microlens, or a tile of a sensor without microlenses. Its rays start at the nodes of a
+grid; between nodes they vary so smoothly that a cubic interpolates those of any pixel of the block. Apertures of the
+main lens do not block them: the rays only bound where light may go.
 """
 
 from typing import NamedTuple
@@ -20,11 +20,11 @@ from pipeline.optics.table import unbounded
 NODES = 4
 """Nodes along an axis of a block: a cubic has four coefficients."""
 _RIM, _RING = 16, 7
-"""Rays of a node around the polygon that bounds its rays, and about halfway in."""
+"""Rays of a node around the polygon that bounds its rays, and on a ring about halfway in."""
 RAYS = _RIM + _RING + 1
-"""Rays of a node with the one in the middle: three times eight, as SIMD likes it."""
+"""Rays of a node, with the one in the middle: three times eight, which suits SIMD."""
 _HALFWAY = 0.55
-"""Place of the inner rays between the middle, 0, and the polygon, 1: about halfway."""
+"""Radius of the ring of inner rays over that of the polygon [1]."""
 _AT_ONCE = 2
 """Rows of nodes that are traced together: 192 rays."""
 
@@ -41,7 +41,7 @@ class Beams(NamedTuple):
     # (b, NODES^2, RAYS, 3) float64, vision frame [mm]
     origin: np.ndarray
     direction: np.ndarray
-    known: np.ndarray  # (b,) bool, whether all rays of the block found their way
+    is_complete: np.ndarray  # (b,) bool, whether all rays of the block leave the lens
 
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
@@ -60,7 +60,8 @@ def _trace(camera, blocks, beams):
     x, y, z, dx, dy, dz, alive, _, _ = packet
     polygon, size = region.polygon, _AT_ONCE * NODES * RAYS
     for b in range(blocks.microlens.shape[0]):
-        microlens, beams.known[b] = blocks.microlens[b], True
+        microlens = blocks.microlens[b]
+        beams.is_complete[b] = True
         for first in range(0, NODES * NODES, _AT_ONCE * NODES):
             for i in range(_AT_ONCE * NODES):
                 up, across = (first + i) // NODES, (first + i) % NODES
@@ -69,15 +70,15 @@ def _trace(camera, blocks, beams):
                 if microlens == NO_MICROLENS:
                     count = outline_at(camera.optics.step_mm, outlines, sx, sy, polygon)
                     if polygon[0, 0] == polygon[count // 2, 0] and polygon[0, 1] == polygon[count // 2, 1]:  # dark
-                        beams.known[b] = False
+                        beams.is_complete[b] = False
                 else:
                     count = aperture.shape[0]
                     for k in range(count):
                         polygon[k, 0] = camera.microlenses[microlens, X] + aperture[k, 0]
                         polygon[k, 1] = camera.microlenses[microlens, Y] + aperture[k, 1]
-                here = slice(i * RAYS, (i + 1) * RAYS)
-                _spread(polygon, count, x[here], y[here])
-                start_x[here], start_y[here], owner[here] = sx, sy, b
+                of_node = slice(i * RAYS, (i + 1) * RAYS)
+                _spread(polygon, count, x[of_node], y[of_node])
+                start_x[of_node], start_y[of_node], owner[of_node] = sx, sy, b
             aim_mixed(camera, blocks.microlens, owner, start, size, packet)
             for i in range(size):
                 alive[i] = 1.0
@@ -89,12 +90,12 @@ def _trace(camera, blocks, beams):
                 beams.direction[b, node, k, 1] = dy[i]
                 beams.direction[b, node, k, 2] = dz[i]
                 if not (alive[i] > 0.0 and dz[i] > 0.0):
-                    beams.known[b] = False
+                    beams.is_complete[b] = False
 
 
 @inline
 def _spread(polygon, count, x, y):
-    """Points of a polygon: some of its corners, points halfway to them, and the middle; x and y (RAYS,) are written."""
+    """Write points of a polygon into x and y (RAYS,): some of its corners, points halfway to them, and the middle."""
     cx, cy = 0.0, 0.0
     for k in range(count):
         cx += polygon[k, 0] / count

@@ -1,8 +1,9 @@
 """Bundles: from sensor positions through one microlens each, or none, and the main lens to rays in the scene.
 
-Vision frame, mm. A conventional camera samples the rear vertex plane, a plenoptic one the plane of its microlenses; all
-else is the same code. A microlens is its row, `NO_MICROLENS`, or `SKIP`; `camera.tracing.records` names the other
-arguments.
+Moments of a bundle are Monte Carlo integrals over a sampling region of area A: A / N times the sum of w f over N
+scrambled Sobol points, w the weight of a ray per area. Vision frame, mm. A conventional camera samples the rear vertex
+plane, a plenoptic one the plane of its microlenses; all other code is shared. A microlens is its row, `NO_MICROLENS`,
+or `SKIP`; `camera.tracing.records` names the other arguments.
 """
 
 import math
@@ -23,7 +24,7 @@ from pipeline.optics.kernels import PACKET, new_packet
 IMAGE_STREAM = 1 << 16
 """First stream of random numbers of images, four for each microlens of a pixel: far behind those of moments."""
 START_STREAM = 2 * REPLICAS
-"""First stream of where rays start on a square: behind two per replica for where they go."""
+"""First stream for the starts of rays on a square: behind two per replica for their aims."""
 SHARE = PACKET // REPLICAS
 """Samples of each replica in a packet."""
 SPREAD_STREAM = 1 << 24
@@ -31,24 +32,26 @@ SPREAD_STREAM = 1 << 24
 CIRCUMRADIUS = 0.7072
 """Circumradius of a square of edge 1, rounded up."""
 _GAUSS = 0.28867513459481287
-"""Both nodes of Gauss and Legendre stand so far from the middle of an interval of length 1."""
+"""Distance of both Gauss-Legendre nodes from the middle of an interval of length 1."""
 
 
 @inline
 def bound_bundle(camera, samples, starts, n, region, row):
-    """Bound the rays of a bundle; its moments become those of an empty one, but for the free weight.
+    """Bound the rays of a bundle and reset its moments to those of an empty one, except the free weight.
 
-    That is the mean over the square that rays start on; over a few pixels it is all but quadratic.
+    The free weight is the mean over the square from which rays start; over a few pixels it is nearly quadratic.
     """
     _, anchors, positions, microlens = starts
     square, sx, sy, ax, ay = samples.edge_mm, positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
     for k in range(row.shape[0]):
         row[k] = math.nan
-    row[WEIGHT], row[FREE_WEIGHT] = 0.0, 0.0
+    row[WEIGHT] = 0.0
+    row[FREE_WEIGHT] = 0.0
     if microlens[n] == SKIP:
         return Fan(0, 0.0, 0.0, 0.0)
     if microlens[n] >= 0:
-        points, off = 4 if square > 0.0 else 1, _GAUSS * square
+        points = 4 if square > 0.0 else 1
+        off = _GAUSS * square
         for i in range(points):
             x, y = sx + (off if i % 2 else -off), sy + (off if i // 2 else -off)
             row[FREE_WEIGHT] += free_weight(camera, microlens[n], x, y, region.polygon) / points
@@ -57,10 +60,11 @@ def bound_bundle(camera, samples, starts, n, region, row):
 
 @inline
 def draw_bundle(samples, starts, n, replica, first, aims):
-    """Draw random numbers for some samples of one replica, and where they start."""
+    """Draw random numbers, and the starts, for some samples of one replica."""
     bits, seed, square = samples
     sx, sy = starts.positions[n, 0], starts.positions[n, 1]
-    size, base = aims.x.shape[0], hash32(hash32(seed, starts.pixels[n, 0]), starts.pixels[n, 1])
+    size = aims.x.shape[0]
+    base = hash32(hash32(seed, starts.pixels[n, 0]), starts.pixels[n, 1])
     draw(bits[0], first, size, hash32(base, 2 * replica), aims.x)
     draw(bits[1], first, size, hash32(base, 2 * replica + 1), aims.y)
     if square > 0.0:
@@ -90,7 +94,8 @@ def bundle_moments(camera, planes, samples, starts, moments):
         fan = bound_bundle(camera, samples, starts, n, region, moments[n])
         if not fan.area > 0.0:
             continue
-        microlens, of_planes = starts.microlens[n], n if planes.shape[0] > 1 else 0
+        microlens = starts.microlens[n]
+        of_planes = n if planes.shape[0] > 1 else 0
         anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
         clear(sums, total)
         started = False
@@ -98,8 +103,15 @@ def bundle_moments(camera, planes, samples, starts, moments):
         for first in range(0, count, SHARE):
             size = min(SHARE, count - first)
             for r in range(REPLICAS):
-                here = slice(r * size, (r + 1) * size)
-                draw_bundle(samples, starts, n, r, first, Aims(x[here], y[here], start_x[here], start_y[here], scratch))
+                of_replica = slice(r * size, (r + 1) * size)
+                draw_bundle(
+                    samples,
+                    starts,
+                    n,
+                    r,
+                    first,
+                    Aims(x[of_replica], y[of_replica], start_x[of_replica], start_y[of_replica], scratch),
+                )
             full = REPLICAS * size
             aim_into(region, fan, anchor, Aims(x[:full], y[:full], start_x[:full], start_y[:full], scratch))
             send_packet(camera, microlens, SensorPoints(start_x, start_y), full, packet)
@@ -114,7 +126,7 @@ def bundle_moments(camera, planes, samples, starts, moments):
 
 @inline
 def reach_of(samples, diffraction):
-    """Farthest that a ray starts from the middle of its square [mm]."""
+    """Farthest start of a ray from the middle of its square [mm]."""
     reach = CIRCUMRADIUS * samples.edge_mm
     for i in range(diffraction.edge_mm.shape[0]):
         reach = max(reach, CIRCUMRADIUS * (samples.edge_mm + diffraction.rows.shape[1] * diffraction.edge_mm[i]))
@@ -122,20 +134,24 @@ def reach_of(samples, diffraction):
 
 
 class Shots(NamedTuple):
-    """Some samples of a square and of one of its microlenses: rows, number of the first one, and what bounds them."""
+    """Samples of one square through one of its microlenses: rows, number of the first sample, and the region."""
 
     square: int
-    place: int
+    stratum: int
     first: int
     fan: Fan
 
 
 @inline
 def aim_shots(camera, samples, squares, diffraction, shots, region, aims):
-    """Draw where rays start and what they aim at."""
-    bits, edge, size, (n, j, first, fan) = samples.bits, samples.edge_mm, aims.x.shape[0], shots
-    sx, sy, microlens = squares.positions[n, 0], squares.positions[n, 1], squares.strata[n, j]
-    base, stream = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1]), IMAGE_STREAM + 4 * j
+    """Draw the starts and the aims of rays."""
+    bits, edge = samples.bits, samples.edge_mm
+    n, j, first, fan = shots
+    size = aims.x.shape[0]
+    sx, sy = squares.positions[n, 0], squares.positions[n, 1]
+    microlens = squares.strata[n, j]
+    base = hash32(hash32(samples.seed, squares.pixels[n, 0]), squares.pixels[n, 1])
+    stream = IMAGE_STREAM + 4 * j
     draw(bits[0], first, size, hash32(base, stream), aims.start_x)
     draw(bits[1], first, size, hash32(base, stream + 1), aims.start_y)
     draw(bits[2], first, size, hash32(base, stream + 2), aims.x)
@@ -154,15 +170,18 @@ def aim_shots(camera, samples, squares, diffraction, shots, region, aims):
 def image_rays(camera, samples, squares, diffraction, rays):
     """Rays that leave the camera from many squares of the sensor, compacted; returns their number.
 
-    With diffraction a ray that arrives in a square starts where it would arrive by geometry.
+    With diffraction, a ray that arrives in a square starts where it would arrive by geometry.
     """
     region, packet = new_region(), new_packet()
     start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
     start, x, y = SensorPoints(start_x, start_y), packet.x, packet.y
-    microlens_of, reach = squares.strata.reshape(-1), reach_of(samples, diffraction)
-    held, written, places = 0, 0, squares.strata.shape[1]
+    microlens_of = squares.strata.reshape(-1)
+    reach = reach_of(samples, diffraction)
+    held = 0
+    written = 0
+    strata = squares.strata.shape[1]
     for n in range(squares.positions.shape[0]):
-        for j in range(places):
+        for j in range(strata):
             microlens = squares.strata[n, j]
             if microlens == SKIP:
                 continue
@@ -176,11 +195,12 @@ def image_rays(camera, samples, squares, diffraction, rays):
                     send_mixed(camera, microlens_of, held_by, start, held, packet)
                     written = _release(packet, held, held_by, area, rays, written)
                     held = 0
-                here, shots = slice(held, held + size), Shots(n, j, squares.skipped[n, j] + first, fan)
-                aims = Aims(x[here], y[here], start_x[here], start_y[here], packet.scratch)
+                new = slice(held, held + size)
+                shots = Shots(n, j, squares.skipped[n, j] + first, fan)
+                aims = Aims(x[new], y[new], start_x[new], start_y[new], packet.scratch)
                 aim_shots(camera, samples, squares, diffraction, shots, region, aims)
                 for i in range(held, held + size):
-                    held_by[i], area[i] = n * places + j, fan.area / count
+                    held_by[i], area[i] = n * strata + j, fan.area / count
                 held += size
     if held > 0:
         send_mixed(camera, microlens_of, held_by, start, held, packet)
@@ -190,7 +210,7 @@ def image_rays(camera, samples, squares, diffraction, rays):
 
 @inline
 def _release(packet, size, held_by, area, rays, written):
-    """Append the rays of a packet that leave the camera; their number so far."""
+    """Append the rays of a packet that leave the camera; returns the number written."""
     x, y, z, dx, dy, dz, alive, _, weight = packet
     origin, direction, share, owner = rays
     for i in range(size):

@@ -1,9 +1,9 @@
 """A camera's microlenses and pixels as the arrays that kernels read.
 
-The main lens is sampled through the aperture of a microlens: directions at the sensor are named by aim points in the
-plane at the height `AIM` above it. Of a plain microlens (thin, parallel to the sensor) that is its own plane, and all
-is exact. Of others a linear map from sensor and aim point to the rear vertex plane of the main lens bounds the
-sampling, with a margin measured on real rays; every ray is clipped exactly where it meets the aperture.
+The main lens is sampled through the aperture of a microlens: directions at the sensor are given by aim points in the
+plane at the height `AIM` above it. For a plain microlens (thin, parallel to the sensor) that is its own plane, and
+everything is exact. For others a linear map from sensor and aim point to the rear vertex plane of the main lens bounds
+the sampling, with a margin measured on real rays; every ray is clipped exactly where it meets the aperture.
 """
 
 import numpy as np
@@ -25,15 +25,15 @@ from pipeline.optics.table import COEFFICIENTS, INDEX_RATIO, SEMI_DIAMETER_SQUAR
 from pipeline.records.shapes import Float64
 
 _DISC_SIDES = 24
-"""Sides of the polygon around a disc: 0.6 percent larger in area, rays that are lost."""
+"""Sides of the polygon around a disc: 0.6 percent larger in area, which costs rays."""
 _OUTSIDE = 1 + 1e-6
-"""Sides of a polygon around a disc keep off it: what blocks a ray next to the edge is then the disc everywhere."""
+"""Inradius of the polygon around a disc over its radius [1]: rays next to the edge are then blocked by the disc."""
 _RIM = 48
 """Points around an aperture: a multiple of 4 and 6, so that corners of a cell are among them."""
 _TRIALS = 4096
-"""Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers what they miss."""
+"""Random rays of a microlens that measure the margin of the linear map; `_SAFETY` covers the others."""
 _SAFETY = 1.2
-"""Margin over the largest error of the linear map among the trials [1]: others may be a little larger."""
+"""Margin over the largest error of the linear map among the trials [1]: others may be slightly larger."""
 _MODELS = {"thin": THIN, "two-plane": TWO_PLANE, "refractive": REFRACTIVE}
 _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 """Vision frame from the sensor frame."""
@@ -41,7 +41,8 @@ _HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 def element_tables(array: MicrolensArray) -> np.ndarray:
     """Both faces, or the plane, of each type, (types, surfaces, columns); CameraError: one ends before the aperture."""
-    outline, radius = cell(array), None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
+    outline = cell(array)
+    radius = None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
     if array.model == "thin":
         plane = np.zeros(COEFFICIENTS)
         plane[INDEX_RATIO] = 1.0
@@ -63,11 +64,14 @@ def camera_arrays(
     vertices: Float64[np.ndarray, "n 2"],
     bounds: Outlines,
 ) -> CameraArrays:
-    """A camera for the kernels, whose surfaces, lattice and outlines are known."""
-    array, rear_mm, sensor_mm = camera.microlenses, float(table[0, VERTEX]), -camera.sensor_distance_mm
+    """A camera for the kernels, from its surfaces, lattice and outlines."""
+    array = camera.microlenses
+    rear_mm = float(table[0, VERTEX])
+    sensor_mm = -camera.sensor_distance_mm
     sampling_mm = sensor_mm + array.distance_mm if array else rear_mm
     optics = Optics(sensor_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
-    rows, aperture = np.zeros((len(vertices), column.COLUMNS)), np.zeros((0, 2))
+    rows = np.zeros((len(vertices), column.COLUMNS))
+    aperture = np.zeros((0, 2))
     elements = Elements(PLAIN, 0.0, np.eye(3), np.zeros((1, 1, 1)), np.zeros((1, column.BENDS)), np.zeros((1, 1, 3)))
     if array is not None:
         radius = array.disc_diameter_mm
@@ -90,7 +94,8 @@ def camera_arrays(
 
 
 def _acceptance(camera: Camera) -> Acceptance:
-    sensor, by_area = camera.sensor, camera.weight == "area"
+    sensor = camera.sensor
+    by_area = camera.weight == "area"
     if sensor.acceptance == "cone":
         half_angle, roll_off = np.deg2rad([sensor.acceptance_half_angle_deg, sensor.acceptance_roll_off_deg]).tolist()
         return Acceptance(0.0, half_angle, roll_off, by_area)
@@ -101,13 +106,14 @@ def _elements(array: MicrolensArray) -> Elements:
     bends = np.zeros((len(array.focal_lengths_mm), column.BENDS))
     for row, faces in zip(bends, array.faces, strict=False):
         row[:] = -1 / faces.front_radius_mm, faces.index, faces.aperture_is_in_front
-    model, disc_mm = PLAIN if array.is_plain else _MODELS[array.model], (array.disc_diameter_mm or 0.0) / 2
+    model = PLAIN if array.is_plain else _MODELS[array.model]
+    disc_mm = (array.disc_diameter_mm or 0.0) / 2
     turn = np.ascontiguousarray((_HALF_TURN @ tilt(array) @ _HALF_TURN).T)
     return Elements(model, disc_mm, turn, element_tables(array), bends, _rims(array))
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:
-    """Points along the edge of each type's aperture, on the face that has it, (types, _RIM, 3)."""
+    """Points along the edge of each type's aperture, on the face that carries it, (types, _RIM, 3)."""
     if array.disc_diameter_mm is None:
         rim = rim_of(cell(array), _RIM)
     else:
@@ -118,7 +124,7 @@ def _rims(array: MicrolensArray) -> np.ndarray:
 
 
 def on_apertures(array: MicrolensArray, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-    """Points (n, 2) across the axis of a microlens on the face of each type that has the aperture, (types, n, 3)."""
+    """Points (n, 2) across the axis of a microlens, projected onto the aperture's face of each type, (types, n, 3)."""
     height = np.hypot(*points_mm.T)
     if array.model == "refractive":
         z = [faces.aperture_z_mm(height) for faces in array.faces]
@@ -128,14 +134,14 @@ def on_apertures(array: MicrolensArray, points_mm: Float64[np.ndarray, "n 2"]) -
 
 
 class _LinearMaps:
-    """The linear maps of microlenses that are not plain."""
+    """Linear maps of microlenses that are not plain."""
 
     def __init__(self, arrays: CameraArrays, array: MicrolensArray, lattice: Lattice, stop_row: int) -> None:
         self.arrays, self.array, self.lattice, self.stop_row = arrays, array, lattice, stop_row
         self.rows, self.optics, self.vertices = arrays.microlenses, arrays.optics, arrays.microlenses[:, :2]
 
     def set(self) -> None:
-        """Write them, and the aim planes that they belong to."""
+        """Write the maps and their aim planes."""
         rows, array, drift = self.rows, self.array, self.optics.drift
         slab = [faces.thickness_mm / faces.index * faces.aperture_is_in_front for faces in array.faces]
         rows[:, column.AIM] = array.distance_mm + self.lattice.z_mm
@@ -146,9 +152,9 @@ class _LinearMaps:
             base = self.vertices - self.lattice.z_mm[:, None] * slopes
         rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = base
         rows[:, [column.BASE_X, column.BASE_Y]] = self.vertices - drift * (self.vertices - base)
-        for place, at_sensor in ((column.BY_START, 1.0), (column.BY_AIM, 0.0)):
+        for map_column, at_sensor in ((column.BY_START, 1.0), (column.BY_AIM, 0.0)):
             at_rear, at_film = self._crossings(at_sensor)
-            rows[:, place] = at_rear - drift * at_film
+            rows[:, map_column] = at_rear - drift * at_film
         self._measure()
 
     def _crossings(self, at_sensor: float) -> tuple[np.ndarray, np.ndarray]:
@@ -163,8 +169,11 @@ class _LinearMaps:
 
     def _measure(self) -> None:
         """Set inflation and margin from real rays of the lowest, the highest and a middle microlens of each type."""
-        rows, kinds, around = self.rows, self.lattice.type, self._sensor_reach()
-        rng, aperture = np.random.default_rng(0), self.arrays.aperture
+        rows = self.rows
+        kinds = self.lattice.type
+        around = self._sensor_reach()
+        rng = np.random.default_rng(0)
+        aperture = self.arrays.aperture
         edge = np.roll(aperture, -1, axis=0) - aperture
         normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
         inradius = np.sum(normal * aperture, axis=1)
@@ -173,19 +182,22 @@ class _LinearMaps:
             of_kind = np.flatnonzero(kinds == kind)
             order = of_kind[np.argsort(self.lattice.z_mm[of_kind], kind="stable")]
             for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
-                vertex, which, aims = rows[microlens, :2], np.full(_TRIALS, microlens), np.empty((_TRIALS, 2))
-                angle, far = rng.uniform(0, 2 * np.pi, _TRIALS), around * np.sqrt(rng.uniform(0, 1, _TRIALS))
+                vertex = rows[microlens, :2]
+                trial_rows = np.full(_TRIALS, microlens)
+                aims = np.empty((_TRIALS, 2))
+                angle = rng.uniform(0, 2 * np.pi, _TRIALS)
+                far = around * np.sqrt(rng.uniform(0, 1, _TRIALS))
                 starts = vertex + far[:, None] * unit_vectors(angle)
                 points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
-                aims_for(self.arrays, which, starts, points, aims)
+                aims_for(self.arrays, trial_rows, starts, points, aims)
                 inflation = max(inflation, float((((aims - vertex) @ normal.T) / inradius).max() - 1))
                 inner = vertex + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - vertex)
-                margin = max(margin, self._error(which, starts, inner))
+                margin = max(margin, self._error(trial_rows, starts, inner))
         rows[:, column.INFLATION] = _SAFETY * inflation + 1e-9
         rows[:, column.MARGIN] = _SAFETY * margin + 1e-9
 
     def _sensor_reach(self) -> float:
-        """Largest distance from below its vertex at which light of a microlens meets the sensor, to first order."""
+        """Largest distance of a microlens's light on the sensor from its vertex, to first order."""
         rows = self.rows
         polygons = outlines_around(self.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
         across = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
@@ -194,11 +206,12 @@ class _LinearMaps:
         )
         return float(1.05 * (reach / np.abs(rows[:, column.BY_START])).max())
 
-    def _error(self, which: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
-        """Largest distance between where real rays meet the rear vertex plane and where the linear map has them."""
+    def _error(self, microlens: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
+        """Largest distance on the rear vertex plane between real rays and the linear map."""
         position, direction, passes = np.empty((_TRIALS, 3)), np.empty((_TRIALS, 3)), np.empty(_TRIALS)
-        rays_before(self.arrays, which, starts, aims, position, direction, passes)
-        slope, row = direction[:, :2] / direction[:, 2:], self.rows[which[0]]
+        rays_before(self.arrays, microlens, starts, aims, position, direction, passes)
+        slope = direction[:, :2] / direction[:, 2:]
+        row = self.rows[microlens[0]]
         at_rear = position[:, :2] + slope * (self.optics.rear_z_mm - position[:, 2:])
         at_film = position[:, :2] + slope * (self.optics.sampling_z_mm - position[:, 2:])
         linear = row[[column.BASE_X, column.BASE_Y]] + row[column.BY_START] * (starts - row[:2])

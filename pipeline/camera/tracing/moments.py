@@ -1,7 +1,8 @@
 """Moments of a bundle's crossings with two planes: sums over packets, then means, covariances and errors.
 
-A crossing is (a, b, c, d): coordinates on the first and on the second plane. Sums run about a first crossing, the
-pivot, because spreads are a millionth of the squared positions.
+A crossing q = (a, b, c, d) holds coordinates on the first and on the second plane. With weights w, the mean is m = sum
+w q / sum w and the covariance C_ij = sum w q_i q_j / sum w - m_i m_j. Sums are taken about a first crossing, the pivot,
+because spreads are a millionth of the squared positions.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ ORIGIN, FIRST, SECOND, NORMAL = range(4)
 
 @inline
 def cross(plane, px, py, pz, dx, dy, dz):
-    """Coordinates of a ray's crossing with a plane."""
+    """Coordinates of a ray's intersection with a plane."""
     along = plane[NORMAL, 0] * dx + plane[NORMAL, 1] * dy + plane[NORMAL, 2] * dz
     rx, ry, rz = plane[ORIGIN, 0] - px, plane[ORIGIN, 1] - py, plane[ORIGIN, 2] - pz
     t = (plane[NORMAL, 0] * rx + plane[NORMAL, 1] * ry + plane[NORMAL, 2] * rz) / along
@@ -32,7 +33,7 @@ def cross(plane, px, py, pz, dx, dy, dz):
 
 @unit
 def cross_packet(near, far, packet, first, end, crossing):
-    """Crossings of some rays of a packet with both planes, (4, PACKET)."""
+    """Intersections of some rays of a packet with both planes, (4, PACKET)."""
     x, y, z, dx, dy, dz = packet.x, packet.y, packet.z, packet.dx, packet.dy, packet.dz
     for i in range(first, end):
         crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
@@ -41,7 +42,7 @@ def cross_packet(near, far, packet, first, end, crossing):
 
 @inline
 def set_pivot(crossing, alive, first, end, pivot):
-    """Take the first living ray's crossing as the pivot; whether there is one."""
+    """Set the pivot to the crossing of the first ray that passes; returns whether there is one."""
     for i in range(first, end):
         if alive[i] > 0.0:
             for k in range(4):
@@ -52,7 +53,7 @@ def set_pivot(crossing, alive, first, end, pivot):
 
 @inline
 def clear(sums, total):
-    """Begin sums anew."""
+    """Reset the sums."""
     for r in range(sums.shape[0]):
         for k in range(sums.shape[1]):
             sums[r, k] = 0.0
@@ -62,7 +63,7 @@ def clear(sums, total):
 
 @unit
 def accumulate(crossing, weight, alive, first, end, pivot, sums, total):
-    """Add weights, first and second moments about the pivot of some rays of a packet; the sums stay in registers."""
+    """Add weights, first and second moments about the pivot for some rays of a packet; the sums stay in registers."""
     p0, p1, p2, p3 = pivot[0], pivot[1], pivot[2], pivot[3]
     w0 = m0 = m1 = m2 = m3 = 0.0
     c0 = c1 = c2 = c3 = c4 = c5 = c6 = c7 = c8 = c9 = 0.0
@@ -114,22 +115,22 @@ def finish(sums, total, pivot, sample_area, row):
 
 
 def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray, "m"]) -> np.ndarray:
-    """Moments of bundles that mix others, of points of a square or of wavelengths, (n, COLUMNS).
+    """Moments of mixtures of bundles, such as points of a square or wavelengths, (n, COLUMNS).
 
-    Errors of parts are independent; NaN, with weight 0, where nothing passes.
-    `share`: share of each part in the mixture where all pass alike; negative: the part is taken away.
+    Errors of the parts are independent; NaN, with weight 0, where nothing passes.
+    `share`: weight of each part in the mixture if all pass alike; negative: the part is subtracted.
     """
     weight = moments[..., WEIGHT] * share
     result = np.zeros((len(moments), COLUMNS))
     result[:, WEIGHT], result[:, FREE_WEIGHT] = weight.sum(axis=1), moments[..., FREE_WEIGHT] @ share
     with np.errstate(invalid="ignore", divide="ignore"):  # dark mixtures
         part = weight / result[:, WEIGHT, None]
-    known = np.where(weight[..., None] != 0, moments, 0.0)
-    mean = np.einsum("nm,nma->na", part, known[..., MEAN:COVARIANCE])
-    apart = known[..., MEAN:COVARIANCE] - mean[:, None]
+    finite = np.where(weight[..., None] != 0, moments, 0.0)
+    mean = np.einsum("nm,nma->na", part, finite[..., MEAN:COVARIANCE])
+    apart = finite[..., MEAN:COVARIANCE] - mean[:, None]
     rows, columns = np.triu_indices(4)
-    products = known[..., COVARIANCE:WEIGHT] + apart[..., rows] * apart[..., columns]
+    products = finite[..., COVARIANCE:WEIGHT] + apart[..., rows] * apart[..., columns]
     result[:, MEAN:COVARIANCE] = mean
     result[:, COVARIANCE:WEIGHT] = np.einsum("nm,nma->na", part, products)
-    result[:, VARIANCE:] = np.einsum("nm,nma->na", part**2, known[..., VARIANCE:])
+    result[:, VARIANCE:] = np.einsum("nm,nma->na", part**2, finite[..., VARIANCE:])
     return result

@@ -1,6 +1,9 @@
-"""Packets of rays that start on the sensor: random points on a region, aim, weight. Kernels only; vision frame, mm.
+"""Packets of rays that start on the sensor: random points in a region, aim, weight. Kernels only; vision frame, mm.
 
-`camera` is a `camera.tracing.records.CameraArrays`, `start` a `camera.tracing.records.SensorPoints`.
+A ray from the sensor through a point at distance d, on a plane at distance h, has the weight cos(theta) d omega / dA =
+h^2 / d^4 for irradiance, or 1 for area, times the acceptance of its angle. A thin microlens of focal length f changes
+its slope by -offset / f. `camera` is a `camera.tracing.records.CameraArrays`, `start` a
+`camera.tracing.records.SensorPoints`.
 """
 
 import math
@@ -18,9 +21,9 @@ from pipeline.optics.crossing import Ray, put
 from pipeline.optics.kernels import Packet, trace_packet
 
 _MANY = 12
-"""Triangles of a fan from which on a search is faster than to count."""
+"""Number of triangles of a fan beyond which a search is faster than counting."""
 _VERTEX_X, _VERTEX_Y, _POWER = range(3)
-"""Scratch arrays of a packet that hold the plain microlens of each ray: nothing else needs them before the trace."""
+"""Scratch arrays of a packet that hold the plain microlens of each ray; they are free before the trace."""
 
 
 @unit
@@ -31,7 +34,7 @@ def draw(bits, first, size, seed, values):
 
 
 class Anchor(NamedTuple):
-    """The sensor position that a region is bound for [mm], and how far the region moves per distance from there."""
+    """The sensor position for which a region is bound [mm], and the motion of the region per distance from it."""
 
     x: float
     y: float
@@ -39,7 +42,7 @@ class Anchor(NamedTuple):
 
 
 class Aims(NamedTuple):
-    """Points that rays go through, and starts on the sensor, (size,) each [mm]; scratch arrays (SCRATCH, PACKET)."""
+    """Points that rays pass through, and starts on the sensor, (size,) each [mm]; scratch arrays (SCRATCH, PACKET)."""
 
     x: np.ndarray
     y: np.ndarray
@@ -50,30 +53,30 @@ class Aims(NamedTuple):
 
 @opaque
 def aim_into(region, fan, anchor, aims):
-    """Turn two random numbers of each ray, in x and y, into a point of a region.
+    """Map two random numbers of each ray, in x and y, to a point of a region.
 
-    The bits of `point_in_fan`, ray by ray. Here the rays of each step stand side by side: in a fan of few triangles the
-    one of a ray is not searched but counted, as the number of those before it. Behind its last vertex the polygon gets
-    its first one again.
+    Results have the bits of `point_in_fan`, called ray by ray. Here each step runs over all rays: in a fan of few
+    triangles the one of a ray is found by counting those before it, not by a search. The first vertex of the polygon is
+    repeated behind its last one.
     """
     polygon, cumulative, count, cx, cy = region.polygon, region.cumulative, fan.vertices, fan.x, fan.y
     x, y, start_x, start_y, scratch = aims
-    place, ax, ay, bx = scratch[0], scratch[1], scratch[2], scratch[3]
+    triangle, ax, ay, bx = scratch[0], scratch[1], scratch[2], scratch[3]
     by, below, above = scratch[4], scratch[5], scratch[6]
     polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
     if count > _MANY:
         for i in range(x.shape[0]):
-            place[i] = triangle_of(cumulative, count, x[i] * cumulative[count - 1], int(x[i] * count))
+            triangle[i] = triangle_of(cumulative, count, x[i] * cumulative[count - 1], int(x[i] * count))
             x[i] *= cumulative[count - 1]
     else:
         for i in range(x.shape[0]):
-            x[i], place[i] = x[i] * cumulative[count - 1], 0.0
+            x[i], triangle[i] = x[i] * cumulative[count - 1], 0.0
         for k in range(count - 1):
             area = cumulative[k]
             for i in range(x.shape[0]):
-                place[i] += 1.0 if area <= x[i] else 0.0
+                triangle[i] += 1.0 if area <= x[i] else 0.0
     for i in range(x.shape[0]):
-        k = int(place[i])
+        k = int(triangle[i])
         ax[i], ay[i], bx[i], by[i] = polygon[k, 0], polygon[k, 1], polygon[k + 1, 0], polygon[k + 1, 1]
         below[i], above[i] = cumulative[k - 1] if k > 0 else 0.0, cumulative[k]
     for i in range(x.shape[0]):
@@ -86,9 +89,9 @@ def aim_into(region, fan, anchor, aims):
 
 @opaque
 def spread(diffraction, microlens, aims):
-    """Move starts as the apertures diffract light, by three random numbers each, in the scratch arrays.
+    """Move starts by diffraction at the apertures, by three random numbers each, in the scratch arrays.
 
-    Between the nodes of a grid the picture of one of the four around is taken, the nearer one the more often.
+    Between the nodes of a grid one of the four pictures around is drawn, with bilinear probabilities.
     """
     x, y, scratch = aims.start_x, aims.start_y, aims.scratch
     for i in range(x.shape[0]):
@@ -107,7 +110,7 @@ def spread(diffraction, microlens, aims):
 
 @inline
 def _node(position, nodes, choice):
-    """One of the two nodes around a place that is counted from the middle one, and a random number that is left."""
+    """One of the two nodes around a position counted from the middle one, drawn, and the random number left over."""
     from_first = min(max(position + 0.5 * (nodes - 1), 0.0), nodes - 1.0)
     low = min(int(from_first), max(nodes - 2, 0))
     part = from_first - low
@@ -118,7 +121,7 @@ def _node(position, nodes, choice):
 
 @inline
 def _drawn(upto, share):
-    """The cell in which a cumulative sum passes a share, and the place where it does, counted from the first cell."""
+    """The cell in which a cumulative sum passes a share, and the position at which it does, from the first cell."""
     low, high = 0, upto.shape[0] - 1
     while low < high:
         middle = (low + high) // 2
@@ -132,7 +135,7 @@ def _drawn(upto, share):
 
 @inline
 def region_drift(camera, microlens):
-    """Without a microlens a region moves along with the sensor position, by the drift of the outlines."""
+    """Motion of a region per motion of its sensor position: the drift of the outlines, 0 behind a microlens."""
     return camera.optics.drift if microlens < 0 else 0.0
 
 
@@ -140,7 +143,7 @@ def region_drift(camera, microlens):
 def send_packet(camera, microlens, start, size, packet):
     """Send rays from sensor positions through given points of the sampling plane and trace them into the scene.
 
-    A ray weighs what it stands for per area of that plane: cos^4 / h^2 of irradiance, or 1, times its acceptance.
+    The weight of a ray is per area of that plane: cos^4 / h^2 for irradiance, or 1, times its acceptance.
     `packet`: x and y hold the points on entry; the rays behind the front vertex and their weights on exit.
     """
     aim_packet(camera, microlens, start, size, packet)
@@ -149,7 +152,7 @@ def send_packet(camera, microlens, start, size, packet):
 
 @opaque
 def aim_packet(camera, microlens, start, size, packet):
-    """Send such rays as far as the main lens."""
+    """Send these rays up to the main lens."""
     if microlens >= 0 and camera.elements.model != PLAIN:
         _through(camera, microlens, start, size, packet)
     else:
@@ -159,7 +162,8 @@ def aim_packet(camera, microlens, start, size, packet):
 
 @inline
 def send_mixed(camera, microlens, owner, start, size, packet):
-    """The same for rays of several sensor positions: `microlens` of each position, `owner` the position of each ray.
+    """Like `send_packet`, for rays of several positions: `microlens` of each position, `owner` the position of each
+    ray.
 
     A packet that is not full costs nearly as much as a full one, and a position may have two rays.
     """
@@ -169,9 +173,10 @@ def send_mixed(camera, microlens, owner, start, size, packet):
 
 @opaque
 def aim_mixed(camera, microlens, owner, start, size, packet):
-    """Send such rays as far as the main lens."""
+    """Send these rays up to the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
-    plain, first = microlens[owner[0]] < 0 or camera.elements.model == PLAIN, 0
+    plain = microlens[owner[0]] < 0 or camera.elements.model == PLAIN
+    first = 0
     while first < size:
         end, n = first + 1, microlens[owner[first]]
         while end < size and microlens[owner[end]] == n:
@@ -179,9 +184,9 @@ def aim_mixed(camera, microlens, owner, start, size, packet):
         if plain:
             _set_microlens(camera.microlenses, n, first, end, scratch)
         else:
-            here = slice(first, end)
-            part = Packet(x[here], y[here], z[here], dx[here], dy[here], dz[here], alive[here], scratch, weight[here])
-            _through(camera, n, SensorPoints(start.x[here], start.y[here]), end - first, part)
+            span = slice(first, end)
+            part = Packet(x[span], y[span], z[span], dx[span], dy[span], dz[span], alive[span], scratch, weight[span])
+            _through(camera, n, SensorPoints(start.x[span], start.y[span]), end - first, part)
         first = end
     if plain:
         _aim(camera, microlens[owner[0]] >= 0, start, size, packet)
@@ -196,7 +201,7 @@ def _through(camera, microlens, start, size, packet):
 
 @inline
 def _set_microlens(microlenses, microlens, first, end, scratch):
-    """Set the vertex [mm] and the power [1/mm] of the plain microlens of some rays; without one they go straight on."""
+    """Set the vertex [mm] and the power [1/mm] of the plain microlens of some rays; 0 without a microlens."""
     x, y, power = 0.0, 0.0, 0.0
     if microlens >= 0:
         x, y, power = microlenses[microlens, X], microlenses[microlens, Y], 1.0 / microlenses[microlens, FOCAL]
@@ -210,7 +215,8 @@ def _aim(camera, has_microlens, start, size, packet):
     # A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs cos(theta) d
     # omega = h^2 / d^4 dA: irradiance.
     vx, vy, power = packet.scratch[_VERTEX_X], packet.scratch[_VERTEX_Y], packet.scratch[_POWER]
-    plane, disc = camera.optics.sampling_z_mm, camera.elements.disc_mm
+    plane = camera.optics.sampling_z_mm
+    disc = camera.elements.disc_mm
     h = plane - camera.optics.sensor_z_mm
     per_h = 1.0 / h
     for i in range(size):
@@ -232,7 +238,7 @@ def _aim(camera, has_microlens, start, size, packet):
 
 @inline
 def _weigh(acceptance, h, weight, alive, size):
-    """Acceptance and the kind of weight, from weights cos^4 / h^2."""
+    """Apply the acceptance and the kind of weight to weights cos^4 / h^2."""
     if is_limited(acceptance) or acceptance.by_area:
         for i in range(size):
             share = accepted_share(acceptance, math.sqrt(h * math.sqrt(weight[i]))) if is_limited(acceptance) else 1.0

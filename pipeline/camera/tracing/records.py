@@ -1,4 +1,4 @@
-"""Records that kernels of cameras take: tuples of arrays, by name."""
+"""Records that kernels of cameras take: named tuples of arrays."""
 
 import math
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 
 class Optics(NamedTuple):
-    """Planes of a camera, and how its outlines lie."""
+    """Planes of a camera, and the grid of its outlines."""
 
     # Vision z of the sensor, of the plane in which rays are aimed, and of the rear vertex of the main lens
     sensor_z_mm: float
@@ -19,7 +19,7 @@ class Optics(NamedTuple):
 
 
 class Acceptance(NamedTuple):
-    """Weight of a ray by its angle with the axis."""
+    """Response of a pixel by the angle of a ray with the axis."""
 
     power: float  # exponent of a cosine, or 0
     # Angles of a cone [rad]; the first is 0 where there is none
@@ -29,7 +29,7 @@ class Acceptance(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """Elements of microlenses, by their types."""
+    """Surfaces and apertures of microlenses, by their types."""
 
     model: int  # `PLAIN`, `THIN`, `TWO_PLANE` or `REFRACTIVE` of `camera.tracing.microlens_kernels`
     disc_mm: float  # radius of discs; 0: apertures are cells
@@ -60,14 +60,14 @@ class Samples(NamedTuple):
     # (DIMENSIONS, samples) uint32, numbers from `camera.tracing.sobol`; for bundles, the samples of one replica
     bits: np.ndarray
     seed: int
-    edge_mm: float  # edge of the square that rays start anywhere on; 0: from its centre alone
+    edge_mm: float  # edge of the square from which rays start; 0: from its centre alone
 
 
 class Diffraction(NamedTuple):
-    """Spread of the light of a point on the sensor by apertures: pictures of n x n cells, one for each aperture."""
+    """Spread of a point's light on the sensor by apertures: pictures of n x n cells, one for each aperture."""
 
-    rows: np.ndarray  # (k, n) float64, light of each picture in all rows up to one, as a share
-    cells: np.ndarray  # (k, n, n) float64, light of each row in all cells up to one, as a share
+    rows: np.ndarray  # (k, n) float64, cumulative light of the rows of each picture, normalised
+    cells: np.ndarray  # (k, n, n) float64, cumulative light of the cells of each row, normalised
     edge_mm: np.ndarray  # (k,) float64, edges of the cells
     # (2,) float64, without microlenses pictures belong to the nodes of a square grid about the axis: their distance
     # along x and y
@@ -76,7 +76,7 @@ class Diffraction(NamedTuple):
 
     @property
     def reach_mm(self) -> float:
-        """Farthest that light is spread."""
+        """Farthest distance of spread light."""
         return float(math.sqrt(0.5) * self.rows.shape[1] * self.edge_mm.max(initial=0.0))
 
 
@@ -89,18 +89,17 @@ class Starts(NamedTuple):
     """Sensor positions from which bundles start."""
 
     pixels: np.ndarray  # (n, 2) int64, pixels, on which random numbers depend besides the seed
-    # (n, 2) float64, positions next to those below, for which the region is bound that rays go through, vision frame
-    # [mm]
+    # (n, 2) float64, positions next to those below, for which the sampling region is bound, vision frame [mm]
     anchors: np.ndarray
     positions: np.ndarray  # (n, 2) float64, positions on the sensor
     microlens: np.ndarray  # (n,) int64, microlens of each position, `NO_MICROLENS` or `SKIP`
 
-    def part(self, some: slice) -> "Starts":
-        return Starts(*(array[some] for array in self))
+    def part(self, rows: slice) -> "Starts":
+        return Starts(*(array[rows] for array in self))
 
 
 class SensorPoints(NamedTuple):
-    """Points of the sensor at which the rays of a packet start, (PACKET,) each; vision frame, mm."""
+    """Starts of the rays of a packet on the sensor, (PACKET,) each; vision frame, mm."""
 
     x: np.ndarray
     y: np.ndarray
@@ -111,25 +110,25 @@ class Squares(NamedTuple):
 
     pixels: np.ndarray  # (n, 2) int64, pixels, on which random numbers depend besides the seed
     positions: np.ndarray  # (n, 2) float64, their centres, vision frame [mm]
-    strata: np.ndarray  # (n, s) int64, microlenses that light may pass, or `NO_MICROLENS`; `SKIP` fills up
-    counts: np.ndarray  # (n, s) int64, rays through each, a power of two: so many of the samples
-    skipped: np.ndarray  # (n, s) int64, samples before these; 0: they are the first ones
+    strata: np.ndarray  # (n, s) int64, microlenses that light may pass, or `NO_MICROLENS`; padded with `SKIP`
+    counts: np.ndarray  # (n, s) int64, rays through each, a power of two
+    skipped: np.ndarray  # (n, s) int64, number of the first sample
 
 
 class Leaving(NamedTuple):
-    """Rays that leave a camera, written by `kernels.image_rays`; room for all that start."""
+    """Rays that leave a camera, written by `kernels.image_rays`, in arrays long enough for all that start."""
 
     # (n, 3) float64, a point behind the front vertex and the unit direction, vision frame [mm]
     origin: np.ndarray
     direction: np.ndarray
-    # (n,) float64, share of the square's integral of cos(theta) d omega, or of area, times its acceptance [sr or mm^2]
+    # (n,) float64, part of the square's integral of cos(theta) d omega, or of area, times its acceptance [sr or mm^2]
     share: np.ndarray
-    owner: np.ndarray  # (n,) int64, s times the row of the square plus the place of the microlens among its strata
+    owner: np.ndarray  # (n,) int64, s times the row of the square plus the number of the microlens among its strata
 
     def first(self, count: int) -> "Leaving":
         return Leaving(*(array[:count] for array in self))
 
 
 def room_for(rays: int) -> Leaving:
-    """Arrays for so many rays."""
+    """Arrays for `rays` rays."""
     return Leaving(np.empty((rays, 3)), np.empty((rays, 3)), np.empty(rays), np.empty(rays, np.int64))

@@ -1,6 +1,8 @@
-"""Polygons on the sampling plane that enclose all rays of a sensor position that can pass, tightly.
+"""Polygons on the sampling plane that tightly enclose all passing rays of a sensor position.
 
-Kernels only; vision frame, mm. `camera` is a `camera.tracing.records.CameraArrays`, `microlens` a row or NO_MICROLENS.
+Kernels only; vision frame, mm. Without a microlens the polygon is the outline of the lens; behind one it is the
+aperture, clipped by the outline mapped back through the linear map of `_clipped_aperture`. `camera` is a
+`camera.tracing.records.CameraArrays`, `microlens` a row or NO_MICROLENS.
 """
 
 import math
@@ -15,9 +17,9 @@ from pipeline.jit.decorators import inline, kernel, unit
 from pipeline.records.shapes import Float64
 
 NO_MICROLENS, SKIP = -1, -2
-"""Numbers in place of the row of a microlens: a camera without any; nothing to trace."""
+"""Substitutes for the row of a microlens: a camera without any; nothing to trace."""
 SHORTEST_EDGE_MM = 1e-9
-"""Shorter edges of an outline are corners: they bound nothing, and rounding may turn them round."""
+"""Length below which an edge of an outline is a corner: it bounds nothing, and rounding may reverse it."""
 
 
 class Region(NamedTuple):
@@ -46,7 +48,7 @@ def new_region():
 
 @unit
 def bound(camera, microlens, x, y, slack, region):
-    """Bound the rays of a sensor position, which may move by `slack`, by a polygon in the region; its fan."""
+    """Bound the rays of a sensor position, which may move by `slack`, by a polygon in the region; returns its fan."""
     if microlens == NO_MICROLENS:
         count = outline_at(camera.optics.step_mm, camera.outlines, x, y, region.polygon)
     else:
@@ -76,7 +78,7 @@ def outline_at(step, outlines, x, y, polygon):
 
 @inline
 def _outline_in_grid(step, outlines, x, y, polygon):
-    """Bilinear between the four nodes around the point; the grid's middle belongs to (0, 0)."""
+    """Bilinear interpolation between the four nodes around the point; the grid's middle belongs to (0, 0)."""
     i, f = _cell(x / step, outlines.shape[1])
     j, g = _cell(y / step, outlines.shape[0])
     a, b, c, d = (1.0 - f) * (1.0 - g), f * (1.0 - g), (1.0 - f) * g, f * g
@@ -89,7 +91,7 @@ def _outline_in_grid(step, outlines, x, y, polygon):
 
 @inline
 def _cell(position, count):
-    """Left node of the interval that holds a position counted from the middle, and the share of the right one."""
+    """Left node of the interval that contains a position counted from the middle, and the share of the right one."""
     from_first = min(max(position + 0.5 * (count - 1), 0.0), count - 1.0)
     i = min(int(from_first), count - 2)
     return i, from_first - i
@@ -97,11 +99,11 @@ def _cell(position, count):
 
 @inline
 def _clipped_aperture(camera, microlens, x, y, slack, region):
-    """The part of a microlens aperture whose rays can pass the main lens, for a sensor position; its vertex count."""
+    """Clip a microlens aperture to the rays that can pass the main lens, for a sensor position; returns the count."""
     # With L the distance from array to rear vertex, B from sensor to array and a the offset from the vertex v, the ray
     # meets the rear vertex plane at r = v + L (v - s) / B + a (1 + L / B - L / f), while the outline of v + a is that
-    # of v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a. Of
-    # microlenses that are not plain the same linear map is in their columns, with a margin for what is not linear.
+    # of v, shifted by drift * a. So the outline of v, mapped back by the scale (1 + L / B - L / f - drift), clips a.
+    # For microlenses that are not plain their columns hold this linear map, with a margin for its error.
     optics, row, aperture = camera.optics, camera.microlenses[microlens], camera.aperture
     polygon, outline, scratch, _ = region
     vx, vy, focal = row[column.X], row[column.Y], row[column.FOCAL]
@@ -145,7 +147,7 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
 
 
 def outlines_around(camera: CameraArrays, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-    """Outlines for points of the plane that the main lens sees, (n, directions, 2)."""
+    """Outlines for points of the plane of the microlenses or sensor, (n, directions, 2)."""
     polygons = np.empty((len(points_mm), camera.outlines.shape[2], 2))
     _outlines_at(camera.optics.step_mm, camera.outlines, np.ascontiguousarray(points_mm), polygons)
     return polygons

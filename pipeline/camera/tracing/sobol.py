@@ -1,7 +1,7 @@
 """Owen-scrambled Sobol points by hashing: random numbers as a function of (seed, pixel, sample, dimension) alone.
 
-Sources: direction numbers of Joe and Kuo (2008); scrambling as in Burley, "Practical Hash-based Owen Scrambling",
-JCGT 9(4), 2020, with the hash of Laine and Karras in the form improved by Vegdahl (2021).
+Sources: Sobol's sequence with the direction numbers of Joe and Kuo (2008); Owen's scrambling as in Burley, "Practical
+Hash-based Owen Scrambling", JCGT 9(4), 2020, with the hash of Laine and Karras in the form improved by Vegdahl (2021).
 """
 
 import functools
@@ -12,7 +12,7 @@ from pipeline.jit.decorators import inline
 from pipeline.records.shapes import Num
 
 DIMENSIONS = 7
-"""Random numbers of a ray: two say where it goes, two where on a square it starts, and three how it is diffracted."""
+"""Random numbers of a ray: two for its aim, two for its start on a square, and three for its diffraction."""
 _PRIMITIVE = {
     1: (1, 0, (1,)),
     2: (2, 1, (1, 3)),
@@ -28,14 +28,14 @@ _PRIMITIVE = {
 def sobol_bits(count: int) -> np.ndarray:
     """The first `count` points of the unscrambled sequence with their bits reversed, ready for scrambling.
 
-    Returns (DIMENSIONS, count) uint32: bit 0 holds the most significant binary digit. Bundles of one camera ask for the
-    same points again and again: the array is shared, and nobody writes to it.
+    Returns (DIMENSIONS, count) uint32: bit 0 holds the most significant binary digit. Bundles of one camera use the
+    array again and again: it is shared, and must not be written to.
     """
     return sobol_bits_at(np.arange(count, dtype=np.uint32))
 
 
 def sobol_bits_at(index: Num[np.ndarray, "n"]) -> np.ndarray:
-    """Points with some indices (n,) uint32, as `sobol_bits`."""
+    """Points with indices (n,) uint32, as `sobol_bits`."""
     points = np.zeros((DIMENSIONS, len(index)), np.uint32)
     for dimension in range(DIMENSIONS):
         for bit, direction in enumerate(_directions(dimension)):
@@ -45,6 +45,7 @@ def sobol_bits_at(index: Num[np.ndarray, "n"]) -> np.ndarray:
 
 
 def _directions(dimension: int) -> list[np.uint32]:
+    """Direction numbers of a dimension by Sobol's recurrence."""
     if dimension == 0:
         return [np.uint32(1 << (31 - i)) for i in range(32)]
     degree, coefficients, initial = _PRIMITIVE[dimension]
@@ -78,7 +79,7 @@ def scrambled(bits, seed):
 
 @inline
 def scrambled_bits(bits, seed):
-    """The same as an integer, whose most significant digit is that of the coordinate."""
+    """A scrambled coordinate as an integer, whose most significant digit is that of the coordinate."""
     x = np.uint32(bits)
     x ^= np.uint32(x * np.uint32(0x3D20ADEA))
     x = np.uint32(x + np.uint32(seed))
@@ -90,7 +91,7 @@ def scrambled_bits(bits, seed):
 
 @inline
 def reversed_bits(x):
-    """The 32 bits of a number, the last one first."""
+    """The 32 bits of a number in reverse order."""
     x = (x >> np.uint32(1)) & np.uint32(0x55555555) | (x & np.uint32(0x55555555)) << np.uint32(1)
     x = (x >> np.uint32(2)) & np.uint32(0x33333333) | (x & np.uint32(0x33333333)) << np.uint32(2)
     x = (x >> np.uint32(4)) & np.uint32(0x0F0F0F0F) | (x & np.uint32(0x0F0F0F0F)) << np.uint32(4)

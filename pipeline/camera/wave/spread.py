@@ -1,14 +1,14 @@
-"""The image of a point by diffraction: its spread on the sensor, Strehl ratio, transfer of contrast, shift of a corner.
+"""The image of a point with diffraction: point-spread function, Strehl ratio, transfer function, shift of a corner.
 
 With P the pupil over the direction cosines (a, b), W the wavefront error and k = 2 pi / wavelength, the amplitude at
-(x, y) from the image position is the integral of P exp(i k (W - a x - b y)) da db (Huygens's sum, each wave plane over
-the few micrometres of an image). It is computed by matrix products at any points, and by a Fourier transform on a grid
-that holds the whole image; the transfer function is the Fourier transform of the image.
+(x, y) from the image position is the integral of P exp(i k (W - a x - b y)) da db (Huygens's sum; each wave is plane
+over the few micrometres of an image). It is computed by matrix products at any points, and by a Fourier transform on a
+grid that holds the complete image; the transfer function is the Fourier transform of the image.
 
 The corner is infinite, of four sectors, black and white, with its edges along x and y of the image, and its image is
-that of one point everywhere: E is the spread of a point, integrated over the square of a pixel, folded with the corner.
-Its derivative along x is the light of the spread in the pixel's column above a place less that below, and vanishes
-where both are equal; likewise along y.
+everywhere that of one point: E is the convolution of the corner with the point-spread function, integrated over the
+square of a pixel. Its derivative along x is the light of the spread in the pixel's column above a position less that
+below, and vanishes where both are equal; likewise along y.
 """
 
 from collections.abc import Callable
@@ -22,22 +22,24 @@ from pipeline.camera.wave.wavefront import View, Wavefront, aperture
 from pipeline.records.shapes import Float64
 
 _PEAK = 0.2
-"""Distance of the points of a peak over wavelength / (2 numerical aperture) [1]: a parabola to a thousandth there."""
+"""Spacing of points around a peak over wavelength / (2 numerical aperture) [1]: it is a parabola to a thousandth
+there."""
 _STEPS = 60
-"""Steps of the search at most; each leaves a part of the miss that is as small as the spread is symmetric."""
+"""Most steps of the search; each reduces the miss, the more the more symmetric the spread."""
 _DONE = 1e-9
-"""Step that ends the search, over a pixel's edge [1]."""
+"""Step at which the search has converged, over a pixel's edge [1]."""
 _SOFT = 1 / 16
-"""Softness of the sides of a pixel over its edge [1]: rays are single points, and sums over them must change slowly."""
+"""Width of the soft sides of a pixel over its edge [1]: rays are single points, and sums over them must vary
+smoothly."""
 Middle = tuple[float, float, int]
-"""A position on the sensor, vision frame [mm], and the row of the microlens whose light it gets."""
+"""A position on the sensor, vision frame [mm], and the row of the microlens that lights it."""
 NODES = 5
 """Nodes along an axis of the sensor: between them the vignetted pupils of camera lenses change by a few percent."""
 _CELLS, _PER_WIDTH = 160, 8
-"""Cells of a picture along an axis, and how many of them wavelength over the pupil's width takes: it ends behind the
-ninth dark ring, with 2 percent of the light beyond it, and a cell blurs less than a hundredth of the contrast."""
+"""Cells of a picture along an axis, and cells per wavelength over the pupil's width: the picture ends behind the ninth
+dark ring, with 2 percent of the light beyond it, and a cell blurs less than a hundredth of the contrast."""
 _PUPIL = 64
-"""Cells of a pupil along an axis: the image of its edge repeats itself 64 widths away, far beyond the picture."""
+"""Cells of a pupil along an axis: the image of its edge repeats 64 widths away, far beyond the picture."""
 
 
 def phasors(front: Wavefront) -> np.ndarray:
@@ -46,7 +48,7 @@ def phasors(front: Wavefront) -> np.ndarray:
 
 
 def intensity(front: Wavefront, x_mm: Float64[np.ndarray, "m"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Light per area at points of a grid on the sensor, from the image position, (n, m) [1/mm^2]; in all it is 1."""
+    """Light per area at points of a grid on the sensor, from the image position, (n, m) [1/mm^2]; its integral is 1."""
     a, b = front.cosines
     wave_number = 2 * np.pi / front.wavelength_mm
     to_x, to_y = (np.exp(-1j * wave_number * np.outer(u, v)) for u, v in ((a, x_mm), (b, y_mm)))
@@ -54,8 +56,8 @@ def intensity(front: Wavefront, x_mm: Float64[np.ndarray, "m"], y_mm: Float64[np
     return np.abs(amplitude) ** 2 / _energy(front)
 
 
-def whole_image(front: Wavefront) -> tuple[np.ndarray, np.ndarray]:
-    """The whole image on the grid that determines it, by a fast Fourier transform.
+def full_image(front: Wavefront) -> tuple[np.ndarray, np.ndarray]:
+    """The complete image on the grid that determines it, by a fast Fourier transform.
 
     Returns (2n,) float64, (2n, 2n) float64: x of columns and y of rows [mm], and the light per area [1/mm^2].
     """
@@ -67,27 +69,28 @@ def whole_image(front: Wavefront) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _energy(front: Wavefront) -> float:
-    """Integral of the squared amplitude over the sensor, by Parseval's theorem: a cell is lit or dark in each place."""
+    """Integral of the squared amplitude over the sensor, by Parseval's theorem: each part of a cell is lit or dark."""
     return front.wavelength_mm**2 * front.area
 
 
 def strehl_ratio(front: Wavefront) -> float:
-    """Largest light per area over that of the same pupil without any error in its middle."""
-    x_mm, image = whole_image(front)
+    """Largest light per area over that of the aberration-free pupil in its middle."""
+    x_mm, image = full_image(front)
     row, column = np.unravel_index(np.argmax(image), image.shape)
     step = _PEAK * front.wavelength_mm / (2 * front.numerical_aperture)
-    place = np.array([x_mm[column], x_mm[row]])
+    peak_mm = np.array([x_mm[column], x_mm[row]])
     for _ in range(2):
         near = step * np.arange(-1, 2)
-        light = intensity(front, place[0] + near, place[1] + near)
+        light = intensity(front, peak_mm[0] + near, peak_mm[1] + near)
         moves = [_vertex(light[1]) * step, _vertex(light[:, 1]) * step]
-        place, step = place + np.clip(moves, -step, step), step / 8
-    peak = intensity(front, place[:1], place[1:])[0, 0]
+        peak_mm = peak_mm + np.clip(moves, -step, step)
+        step = step / 8
+    peak = intensity(front, peak_mm[:1], peak_mm[1:])[0, 0]
     return float(peak / intensity(front.perfect(), np.zeros(1), np.zeros(1))[0, 0])
 
 
 def _vertex(values: np.ndarray) -> float:
-    """Place of the extreme of a parabola through values at -1, 0 and 1."""
+    """Position of the extremum of a parabola through values at -1, 0 and 1."""
     bend = values[0] - 2 * values[1] + values[2]
     return float((values[0] - values[2]) / (2 * bend)) if bend else 0.0
 
@@ -96,68 +99,72 @@ def transfer(front: Wavefront, per_mm: Float64[np.ndarray, "n"], along: Float64[
     """Optical transfer function at spatial frequencies along a unit vector of the sensor, (n,) complex.
 
     Its absolute value is the modulation transfer function. The image is band-limited, so its sum over the grid of
-    `whole_image` is exact at any frequency; only the cusp at 0, where the value is 1, is rounded off by the cells.
+    `full_image` is exact at any frequency; only the cusp at 0, where the value is 1, is rounded off by the cells.
     """
-    x_mm, image = whole_image(front)
+    x_mm, image = full_image(front)
     waves = [np.exp(-2j * np.pi * np.outer(x_mm, per_mm * part)) for part in along]
     sums = np.sum(waves[1] * (image @ waves[0]), axis=0)
-    area, width = (x_mm[1] - x_mm[0]) ** 2, len(front.share) * front.step
+    area = (x_mm[1] - x_mm[0]) ** 2
+    width = len(front.share) * front.step
     shift = front.wavelength_mm * np.abs(per_mm) * np.abs(along).max()
     return np.where(per_mm == 0, 1.0, np.where(shift < width, sums * area, 0.0))
 
 
 def transfer_of_rays(front: Wavefront, per_mm: Float64[np.ndarray, "n"], along: Float64[np.ndarray, "2"]) -> np.ndarray:
-    """The same by geometry: the Fourier transform of the spots of rays, (n,) complex."""
+    """Optical transfer function by geometry: the Fourier transform of the spots of rays, (n,) complex."""
     lit = front.share > 0
-    spot, weight = front.crossings_mm[lit] @ along, front.share[lit] / front.share.sum()
+    spot = front.crossings_mm[lit] @ along
+    weight = front.share[lit] / front.share.sum()
     return np.array([weight @ np.exp(-2j * np.pi * frequency * spot) for frequency in per_mm])
 
 
 def saddle_of_light(front: Wavefront, pitch_mm: float) -> np.ndarray:
-    """Saddle in the image by diffraction, from where the mean of the rays puts the corner, (2,) [mm]; vision frame."""
-    x_mm, image = whole_image(front)
+    """Saddle in the image with diffraction, relative to the mean of the rays, (2,) [mm]; vision frame."""
+    x_mm, image = full_image(front)
     light = image / image.sum()
     return _saddle(lambda x, y: y(x_mm) @ light @ x(x_mm), pitch_mm)
 
 
 def saddle_of_rays(front: Wavefront, pitch_mm: float) -> np.ndarray:
-    """Saddle in the image by geometry, likewise, (2,) [mm]."""
+    """Saddle in the image by geometry, relative to the mean of the rays, (2,) [mm]."""
     lit = front.share > 0
-    spots, weight = front.crossings_mm[lit], front.share[lit] / front.share.sum()
+    spots = front.crossings_mm[lit]
+    weight = front.share[lit] / front.share.sum()
     return _saddle(lambda x, y: np.sum(weight * x(spots[:, 0]) * y(spots[:, 1])), pitch_mm)
 
 
 def _saddle(light_of, edge_mm: float) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """The place at which both derivatives vanish; `light_of` folds the spread with two functions, of x and of y."""
+    """The corner position where both derivatives vanish; `light_of` weights the spread by functions of x and y."""
 
-    def inside(at: float) -> Callable[[np.ndarray], np.ndarray]:  # 1 in the pixel about a place, with soft sides
+    def inside(at: float) -> Callable[[np.ndarray], np.ndarray]:  # 1 in the pixel about a position, with soft sides
         return lambda x: np.clip((edge_mm / 2 - np.abs(x - at)) / (_SOFT * edge_mm) + 0.5, 0.0, 1.0)
 
-    def side(at: float) -> Callable[[np.ndarray], np.ndarray]:  # its part beyond the edge through x less that before
+    def side(at: float) -> Callable[[np.ndarray], np.ndarray]:  # its part beyond the edge through x minus that before
         return lambda x: np.clip(2 * (at - x) / edge_mm, -1.0, 1.0)
 
-    place = np.zeros(2)
+    corner = np.zeros(2)
     for _ in range(_STEPS):
-        in_x, in_y = inside(place[0]), inside(place[1])
+        in_x, in_y = inside(corner[0]), inside(corner[1])
         bend = light_of(in_x, in_y) * 2 / edge_mm
-        move = np.array([light_of(side(place[0]), in_y), light_of(in_x, side(place[1]))]) / bend
+        move = np.array([light_of(side(corner[0]), in_y), light_of(in_x, side(corner[1]))]) / bend
         move = np.clip(move, -edge_mm, edge_mm)
-        place = place - move
+        corner = corner - move
         if np.abs(move).max() < _DONE * edge_mm:
             break
-    return place
+    return corner
 
 
 def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
-    """The spread of the apertures of a camera in light of one wavelength; `middles`: one for each type of microlens."""
+    """Spread of a camera's apertures at one wavelength; `middles`: one for each type of microlens."""
     if middles and tracer.lattice is not None:
         views = [View(np.array([x, y]), row, np.inf) for x, y, row in middles]
         node_mm, of_microlens = np.ones(2), tracer.lattice.type.astype(np.int64)
     else:
-        sensor, places = tracer.camera.sensor, np.arange(NODES) - (NODES - 1) / 2
+        sensor = tracer.camera.sensor
+        nodes = np.arange(NODES) - (NODES - 1) / 2
         extent = np.abs([sensor.offset_x_mm, sensor.offset_y_mm]) + np.array(sensor.size_mm) / 2
         node_mm, of_microlens = 2 * extent / (NODES - 1), np.zeros(0, np.int64)
-        views = [View(np.array([x, y]) * node_mm, NO_MICROLENS, np.inf) for y in places for x in places]
+        views = [View(np.array([x, y]) * node_mm, NO_MICROLENS, np.inf) for y in nodes for x in nodes]
     pictures, edges = zip(*(_picture(tracer, wavelength_nm, view) for view in views), strict=True)
     rows = np.cumsum(np.stack(pictures).sum(axis=2), axis=1)
     cells = np.cumsum(pictures, axis=2)
@@ -166,7 +173,7 @@ def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...])
 
 
 def _picture(tracer: Tracer, wavelength_nm: float, view: View) -> tuple[Float64[np.ndarray, "n n"], float]:
-    """Light in the cells of a picture, and their edge [mm]; of a place that is dark all light in the middle."""
+    """Light in the cells of a picture, and their edge [mm]; for a dark position all light lies in the middle."""
     front = aperture(tracer, view, wavelength_nm, _PUPIL)
     if front is None:
         picture = np.full((_CELLS, _CELLS), 1e-12)
@@ -175,5 +182,5 @@ def _picture(tracer: Tracer, wavelength_nm: float, view: View) -> tuple[Float64[
     edge = front.wavelength_mm / ((_PUPIL - 2) * front.step) / _PER_WIDTH
     middles = (np.arange(_CELLS) - (_CELLS - 1) / 2) * edge
     light = intensity(front, middles, middles) * edge**2
-    # What falls beyond the picture is an even veil over it: it takes contrast away as it does in truth.
+    # Light beyond the picture becomes an even veil over it, which reduces contrast as the real one does.
     return light + max(1 - light.sum(), 0.0) / light.size, edge

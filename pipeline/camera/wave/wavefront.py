@@ -1,15 +1,14 @@
 """The wavefront that forms the image of a point: optical path and aperture over the traced exit pupil.
 
 Rays are traced from the image position through the camera to a sphere around the object point, which they reach with
-almost equal paths. By the reciprocity of light, what the paths lack of being equal is the wavefront error of the light
-of that point at the image position. The pupil is described by direction cosines at the sensor: in them an extended,
-evenly radiating surface fills it evenly (irradiance is the integral of cos theta d omega), and an unaberrated image is
-its Fourier transform, at any aperture.
+nearly equal optical paths. By reciprocity, the differences of these paths are the wavefront error W of the point's
+light at the image position. The pupil is described by direction cosines at the sensor: in them an extended, evenly
+radiating surface fills it evenly (irradiance is the integral of cos theta d omega), and an unaberrated image is its
+Fourier transform, at any aperture.
 
-The path of a ray is index times distance, surface by surface, through the same models as those of
-`camera.tracing.microlens_kernels`, for whole arrays. An ideal thin lens has no thickness that a ray could travel: its
-path is the one that makes the light of a point that of the point's image, the phase whose slope is the bend of the
-rays.
+The optical path of a ray is the sum of index times distance, surface by surface, through the models of
+`camera.tracing.microlens_kernels`, for whole arrays. An ideal thin lens has no thickness: its path is the phase whose
+gradient is the deflection of the rays, that which maps the light of a point to that of its image.
 """
 
 import math
@@ -32,25 +31,25 @@ from pipeline.optics.table import INDEX_RATIO, POSE, TERMS, motion_of, towards_s
 from pipeline.records.shapes import Bool, Float64
 
 _COARSE = 65
-"""Directions along an axis that find out where light passes: a pupil is then known to a thirtieth of its width."""
+"""Directions along an axis of the first search for light: a pupil is then known to a thirtieth of its width."""
 _SIZES = (256, 512, 1024)
-"""Cells along an axis of the pupil: the first with which the image is far narrower than what the cells resolve."""
+"""Cells along an axis of the pupil: the first number that resolves much more than the width of the image."""
 _FILLED = 0.25
-"""Share of the field of an image, as the cells resolve it, that rays may reach from its middle: half of it would fill
-it, and diffracted light goes on from there."""
+"""Largest radius of the rays over the field of an image that the cells resolve [1]: half would fill it, and diffracted
+light reaches farther."""
 _PARTS = 8
-"""Parts along each axis of a cell at the pupil's edge: its share is right to about a hundredth."""
+"""Parts along each axis of a cell at the pupil's boundary: its share is right to about a hundredth."""
 _ROUNDS = 3
-"""Times that light is looked for in the square that the time before left: a pupil may be small in its bounds."""
+"""Rounds of the search for light, each in the square that the previous one left: a pupil may be small in its bounds."""
 
 
 class PathRays(NamedTuple):
-    """Rays with the way that they have come."""
+    """Rays with their optical paths."""
 
     # A point of each ray and its unit direction; NaN where it missed a surface
     position_mm: Float64[np.ndarray, "n 3"]
     direction: Float64[np.ndarray, "n 3"]
-    passes: Bool[np.ndarray, "n"]  # whether it has passed all apertures; those that have not are carried along
+    passes: Bool[np.ndarray, "n"]  # whether it has passed all apertures; blocked rays are carried along
     path_mm: Float64[np.ndarray, "n"]  # optical path from the start to the point
     medium: float = 1.0  # refractive index of the medium that the rays are in, relative to air
 
@@ -61,36 +60,36 @@ class PathRays(NamedTuple):
 
 
 def with_path(table: Float64[np.ndarray, "surfaces columns"], rays: PathRays) -> PathRays:
-    """Rays behind all surfaces of a table from `optics.table`, on the last one."""
+    """Trace rays through all surfaces of a table from `optics.table`, to the last one."""
     for row in table:
         position, direction, passes = traced(row[None], rays.position_mm, rays.direction)
         path = rays.path_mm + rays.medium * np.sum((position - rays.position_mm) * rays.direction, axis=1)
         bent = PathRays(position, direction, rays.passes & passes, path, rays.medium / row[INDEX_RATIO])
         if row[TERMS] < 0:
-            bent = bent._replace(path_mm=path + _in_its_place(row, bent, rays.direction))
+            bent = bent._replace(path_mm=path + _path_of_ideal_lens(row, bent, rays.direction))
         rays = bent
     return rays
 
 
-def _in_its_place(row: np.ndarray, bent: PathRays, before: np.ndarray) -> np.ndarray:
-    """Path that an ideal thin lens adds, in the frame in which it stands in its place."""
+def _path_of_ideal_lens(row: np.ndarray, bent: PathRays, before: np.ndarray) -> np.ndarray:
+    """Path added by an ideal thin lens, in the frame of its centred position."""
     back = inverse(motion_of(row)) if row[POSE] else np.eye(4)
     offset = apply(back, bent.position_mm)[:, :2]
-    slopes = (way @ back[:3, :3].T for way in (before, bent.direction))
-    return bent.medium * ideal_path(offset, *(way[:, :2] / way[:, 2:] for way in slopes))
+    slopes = (direction @ back[:3, :3].T for direction in (before, bent.direction))
+    return bent.medium * ideal_path(offset, *(direction[:, :2] / direction[:, 2:] for direction in slopes))
 
 
 def ideal_path(
     offset_mm: Float64[np.ndarray, "n 2"], before: Float64[np.ndarray, "n 2"], behind: Float64[np.ndarray, "n 2"]
 ) -> np.ndarray:
-    """Path that an ideal thin lens adds to rays that come from one point, 0 in its middle, (n,) [mm].
+    """Path added by an ideal thin lens to rays from one point, 0 in its middle, (n,) [mm].
 
-    With s the slope of a ray at the distance p from the middle and a that of the ray through the middle, which is not
-    bent, light of a point has the path (a + s) p / (sqrt(1 + a^2) + sqrt(1 + s^2)) across the plane of the lens.
+    With s the slope of a ray at the distance p from the middle and a that of the undeviated ray through the middle,
+    light of a point has the path (a + s) p / (sqrt(1 + a^2) + sqrt(1 + s^2)) across the plane of the lens.
     """
-    known = np.isfinite(before).all(axis=1) & np.isfinite(offset_mm).all(axis=1)
+    finite = np.isfinite(before).all(axis=1) & np.isfinite(offset_mm).all(axis=1)
     terms = np.column_stack([np.ones(len(offset_mm)), offset_mm])
-    middle = np.linalg.lstsq(terms[known], before[known], rcond=None)[0][0]
+    middle = np.linalg.lstsq(terms[finite], before[finite], rcond=None)[0][0]
     return _path_across(offset_mm, middle, behind) - _path_across(offset_mm, middle, before)
 
 
@@ -102,7 +101,7 @@ def _path_across(offset: np.ndarray, middle: np.ndarray, slope: np.ndarray) -> n
 def sent(
     tracer: Tracer, microlens: int, start_mm: Float64[np.ndarray, "2"], direction: Float64[np.ndarray, "n 3"]
 ) -> PathRays:
-    """Rays that leave the camera through a microlens or NO_MICROLENS, on its front surface, with their path."""
+    """Rays that leave the camera through a microlens or NO_MICROLENS, on its front surface, with their paths."""
     count = len(direction)
     point = np.array([*start_mm, tracer.sensor_z_mm])
     rays = PathRays(np.tile(point, (count, 1)), direction, np.ones(count, bool), np.zeros(count))
@@ -119,18 +118,20 @@ def sent(
 
 
 def _through_plain(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
-    """Rays behind a thin microlens that is parallel to the sensor."""
+    """Trace rays through a thin microlens that is parallel to the sensor."""
     x, y, focal = tracer.arrays.microlenses[microlens, [column.X, column.Y, column.FOCAL]]
     along = (tracer.film_z_mm - rays.position_mm[:, 2]) / rays.direction[:, 2]
     position = rays.position_mm + along[:, None] * rays.direction
-    offset, disc = position[:, :2] - [x, y], tracer.arrays.elements.disc_mm
+    offset = position[:, :2] - [x, y]
+    disc = tracer.arrays.elements.disc_mm
     inside = np.hypot(*offset.T) <= disc if disc > 0 else _in_polygon(tracer.arrays.aperture, offset)
     return _bent_thinly(focal, offset, rays._replace(position_mm=position, path_mm=along, passes=inside))
 
 
 def _through(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
-    """Rays before a microlens of any other model."""
-    elements, row = tracer.arrays.elements, tracer.arrays.microlenses[microlens]
+    """Trace rays through a microlens of any other model."""
+    elements = tracer.arrays.elements
+    row = tracer.arrays.microlenses[microlens]
     kind, turn, vertex = int(row[column.KIND]), elements.turn, row[[column.X, column.Y, column.Z]]
     local = rays._replace(position_mm=(rays.position_mm - vertex) @ turn.T, direction=rays.direction @ turn.T)
     local = with_path(elements.faces[kind], local)
@@ -159,12 +160,13 @@ def _bent_by_normals(curvature: float, mu: float, rays: PathRays) -> PathRays:
     normal = np.column_stack([-curvature * offset, np.sqrt(1 - curvature**2 * squared)])
     cosine = np.sum(normal * rays.direction, axis=1)
     step = np.sqrt(1 - mu * mu * (1 - cosine * cosine)) - mu * cosine
-    terms, known = np.column_stack([np.ones(len(step)), offset, squared]), np.isfinite(step)
-    fitted = np.linalg.lstsq(terms[known], step[known], rcond=None)[0]
+    terms = np.column_stack([np.ones(len(step)), offset, squared])
+    finite = np.isfinite(step)
+    fitted = np.linalg.lstsq(terms[finite], step[finite], rcond=None)[0]
     mean_step = terms @ (fitted * [1 / 2, 1 / 3, 1 / 3, 1 / 4])
     return rays._replace(
         direction=mu * rays.direction + step[:, None] * normal,
-        passes=rays.passes & known,
+        passes=rays.passes & finite,
         path_mm=rays.path_mm - curvature * squared * mean_step,
         medium=1.0,
     )
@@ -179,7 +181,7 @@ def _in_polygon(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An image position and the object that it sees."""
+    """An image position and its object."""
 
     position_mm: Float64[np.ndarray, "2"]  # position on the sensor, vision frame
     microlens: int  # row of the microlens that light passes, or `NO_MICROLENS`
@@ -195,7 +197,7 @@ class Wavefront:
     centre: Float64[np.ndarray, "2"]
     step: float  # edge of a cell [1]
     path_mm: Float64[np.ndarray, "n n"]  # wavefront error in the middles of the cells; its mean over the pupil is 0
-    share: Float64[np.ndarray, "n n"]  # share of each cell that light passes
+    share: Float64[np.ndarray, "n n"]  # lit share of each cell
 
     @property
     def cosines(self) -> tuple[np.ndarray, np.ndarray]:
@@ -235,38 +237,43 @@ class Wavefront:
 
     @cached_property
     def crossings_mm(self) -> np.ndarray:
-        """Crossings of rays with the sensor, from the image position, (n, n, 2): the gradient of the path."""
+        """Hits of rays on the sensor, from the image position, (n, n, 2): the gradient of the path."""
         dy, dx = np.gradient(self.path_mm, self.step)
         return np.stack([dx, dy], axis=-1)
 
     def perfect(self) -> "Wavefront":
-        """The same pupil without any error."""
+        """The pupil without aberrations."""
         return Wavefront(self.wavelength_mm, self.centre, self.step, np.zeros_like(self.path_mm), self.share)
 
 
 def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
-    """Trace the wavefront of the light that a view receives; the camera of the tracer has the indices of that light.
+    """Trace the wavefront of the light of a view; the camera of the tracer has the indices of that light.
 
-    The object point is the one that the position sees by geometry: the mean of the crossings of its rays with the plane
-    of the object (of their directions, if that is infinitely far).
+    The object point is the geometric one of the position: the mean of the intersections of its rays with the plane of
+    the object (of their directions, if that is infinitely far).
 
-    Raises CameraError: no light arrives, or the blur is so wide that diffraction has no part in it.
+    Raises CameraError: no light arrives, or the blur is so wide that diffraction does not matter.
     """
-    lens, (centre, width) = first_order(tracer.camera.prescription), _pupil(tracer, view)
+    lens = first_order(tracer.camera.prescription)
+    centre, width = _pupil(tracer, view)
     # Vision z of the image of the limiting aperture: the entrance pupil, or that of the microlenses.
     is_bare = view.microlens == NO_MICROLENS
     aperture_mm = lens.entrance_pupil.z_mm if is_bare else lens.object_mm(tracer.film_z_mm)
     for size in _SIZES:
+        # Trace the cells of the pupil, and find the lit share of each.
         step = width / (size - 2)
         rays = _sent(tracer, view, *np.meshgrid(*_axes(centre, step, size)))
-        known = np.isfinite(rays.path_mm).reshape(size, size)
+        finite = np.isfinite(rays.path_mm).reshape(size, size)
         if np.nanmax(rays.direction[rays.passes, 2], initial=0.0) < math.cos(WIDE_RAD):
-            what = "its light comes from so far beside the lens that no plane in focus meets it"
-            raise CameraError(what, hint="choose an image position nearer to the axis; images and truth have its blur")
-        share = np.where(known, _shares(tracer, view, (centre, step, size), _PARTS), 0.0)
+            message = "its light comes from so far beside the lens that no plane in focus meets it"
+            raise CameraError(
+                message, hint="choose an image position nearer to the axis; images and truth have its blur"
+            )
+        share = np.where(finite, _shares(tracer, view, (centre, step, size), _PARTS), 0.0)
+        # Complete the paths to the object, and accept them if the cells resolve the image.
         path = _to_object(rays, share.ravel(), view.object_mm, aperture_mm).reshape(size, size)
-        path -= np.sum(np.where(known, path, 0.0) * share) / share.sum()
-        front = Wavefront(wavelength_nm * 1e-6, centre, step, np.where(known, path, 0.0), share)
+        path -= np.sum(np.where(finite, path, 0.0) * share) / share.sum()
+        front = Wavefront(wavelength_nm * 1e-6, centre, step, np.where(finite, path, 0.0), share)
         lit = front.share > 0
         reach = np.hypot(*front.crossings_mm[lit].T).max()
         if reach < _FILLED * front.wavelength_mm / front.step:
@@ -277,7 +284,7 @@ def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
 
 
 def aperture(tracer: Tracer, view: View, wavelength_nm: float, size: int) -> Wavefront | None:
-    """The pupil of a view in so many cells along an axis, as if it had no aberrations; None where no light arrives."""
+    """The pupil of a view in `size` cells along an axis, without aberrations; None where no light arrives."""
     try:
         centre, width = _pupil(tracer, view, size + 1, 1)
     except CameraError:
@@ -303,7 +310,7 @@ def _sent(tracer: Tracer, view: View, a: np.ndarray, b: np.ndarray) -> PathRays:
 
 
 def _pupil(tracer: Tracer, view: View, count: int = _COARSE, rounds: int = _ROUNDS) -> tuple[np.ndarray, float]:
-    """Middle and width of the square of direction cosines in which all light of the view lies."""
+    """Middle and width of the square of direction cosines that contains all light of the view."""
     low, high = _outline(tracer, view)
     for _ in range(rounds):
         columns, rows = (np.linspace(low[i], high[i], count) for i in range(2))
@@ -333,7 +340,7 @@ def _outline(tracer: Tracer, view: View) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _shares(tracer: Tracer, view: View, grid: tuple[np.ndarray, float, int], parts: int) -> np.ndarray:
-    """Share of each cell that light passes: of cells with an edge by parts of them."""
+    """Lit share of each cell; cells at the boundary are sampled in parts."""
     centre, step, size = grid
     corners = _axes(centre, step, size + 1)
     at_corners = _sent(tracer, view, *np.meshgrid(*corners)).passes.reshape(size + 1, size + 1)
@@ -350,8 +357,8 @@ def _shares(tracer: Tracer, view: View, grid: tuple[np.ndarray, float, int], par
 
 def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm: float) -> np.ndarray:
     """Path from the sensor to a sphere around the object point through the image of the aperture, (n,)."""
-    # Rays that miss the point by m come from it by another way through the aperture, whose image is at the distance R:
-    # longer by m^2 / (2 R).
+    # Rays that miss the point by m leave it through another part of the aperture, whose image is at the distance R:
+    # their path is longer by m^2 / (2 R).
     lit = weight > 0
     position, direction, weight = rays.position_mm, rays.direction, weight[lit] / weight.sum()
     mean = weight @ direction[lit]

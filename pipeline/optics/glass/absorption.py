@@ -1,7 +1,7 @@
-"""Absorption of glass over the wavelength: as stated for a thickness, or of the table that ships with the package.
+"""Absorption of glass over the wavelength: as stated for a thickness, or from the table that ships with the package.
 
-Between two entries the coefficient of absorption is linear, so the logarithm of the internal transmittance is. A glass
-that is stated for 10 mm and for 25 mm is then the same glass at every wavelength.
+Between two entries the coefficient of absorption is linear, and so is the logarithm of the internal transmittance. A
+glass stated for 10 mm and for 25 mm is then the same glass at every wavelength.
 """
 
 import math
@@ -20,45 +20,46 @@ BAD_ABSORPTION = "internal-transmittance"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Absorption:
-    """Absorption of a medium, by coefficients a: exp(-a d) of the light is left after d mm (Beer and Lambert)."""
+    """Absorption of a medium by coefficients a: the internal transmittance of d mm is exp(-a d) (Beer and Lambert)."""
 
     label: str  # for people
     wavelengths_nm: tuple[float, ...]  # ascending
     coefficients_per_mm: tuple[float, ...]
 
     def share_per_mm(self, wavelength_nm: float) -> float:
-        """Share of light that a millimetre lets pass; OutOfRange beyond the first and the last entry."""
+        """Internal transmittance of a millimetre; OutOfRange beyond the first and the last entry."""
         low, high = self.wavelengths_nm[0], self.wavelengths_nm[-1]
         if not low <= wavelength_nm <= high:
-            what = f"the absorption of {self.label} is known from {low:.7g} to {high:.7g} nm"
+            message = f"the absorption of {self.label} is known from {low:.7g} to {high:.7g} nm"
             raise OutOfRange(
-                f"{what}, not at {wavelength_nm:.7g} nm", hint="add entries from its source: none is guessed"
+                f"{message}, not at {wavelength_nm:.7g} nm", hint="add entries from its source: none is guessed"
             )
         return math.exp(-float(np.interp(wavelength_nm, self.wavelengths_nm, self.coefficients_per_mm)))
 
 
 def stated(wavelengths_nm: tuple[float, ...], transmittance: tuple[float, ...], thickness_mm: float) -> Absorption:
-    """Absorption by internal transmittances of a thickness, as catalogues of glass print them; a GlassError if there
-    are not as many of both, wavelengths do not ascend, or light is gained or lost altogether."""
+    """Absorption from the internal transmittances of a thickness, as glass catalogues print them.
+
+    Raises GlassError: numbers of entries differ, wavelengths do not ascend, or a transmittance is not in (0, 1].
+    """
     if not wavelengths_nm or len(wavelengths_nm) != len(transmittance):
-        what = f"an internal transmittance has {len(wavelengths_nm)} wavelengths and {len(transmittance)} values"
-        raise GlassError(what, hint="as many of both", code=BAD_ABSORPTION)
+        message = f"an internal transmittance has {len(wavelengths_nm)} wavelengths and {len(transmittance)} values"
+        raise GlassError(message, hint="as many of both", code=BAD_ABSORPTION)
     for before, after in pairwise(wavelengths_nm):
         if not before < after:
-            what = f"wavelengths of an internal transmittance do not ascend: {after:.7g} nm follow {before:.7g}"
+            message = f"wavelengths of an internal transmittance do not ascend: {after:.7g} nm follow {before:.7g}"
             raise GlassError(
-                what, hint="write them in ascending order, and their values in the same", code="glass-wavelengths"
+                message, hint="write them in ascending order, and their values in the same", code="glass-wavelengths"
             )
     if not all(0 < value <= 1 for value in transmittance) or not thickness_mm > 0:
-        what = f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm"
-        raise GlassError(what, code=BAD_ABSORPTION)
+        message = f"internal transmittances are above 0 and at most 1: {transmittance} of {thickness_mm} mm"
+        raise GlassError(message, code=BAD_ABSORPTION)
     coefficients = tuple(-math.log(value) / thickness_mm + 0.0 for value in transmittance)
     return Absorption(label="the medium", wavelengths_nm=wavelengths_nm, coefficients_per_mm=coefficients)
 
 
 def measured(medium: Medium) -> Absorption | None:
-    """Absorption of a medium by the table that ships with the package, GlassError if it lacks it; None for air,
-    which absorbs nothing."""
+    """Tabulated absorption of a medium; None for air, which absorbs nothing. GlassError: the table lacks the medium."""
     if medium.label == "air":
         return None
     row = _rows().get(medium.label.casefold())
@@ -74,5 +75,5 @@ def measured(medium: Medium) -> Absorption | None:
 
 @cache
 def _rows() -> dict[str, dict[str, str]]:
-    """Wavelengths [um] and extinction coefficients k of each glass, by `vendor:name` in small letters."""
+    """Wavelengths [um] and extinction coefficients k of each glass, by `vendor:name` in lower case."""
     return {f"{row['vendor']}:{row['glass']}".casefold(): row for row in rows_of("absorption.csv.gz")}

@@ -1,6 +1,6 @@
-"""Glasses by vendor and name: the catalogue table that ships with the package; README.md here says where it comes from.
+"""Glasses by vendor and name: the catalogue that ships with the package; README.md here names its source.
 
-A name is compared without case. `vendor:name` is one glass, a name alone is one only if a single vendor uses it: F5 of
+Names are compared without case. `vendor:name` is one glass, a name alone is one only if a single vendor uses it: F5 of
 CDGM and F5 of Schott differ by 0.02 in n_d.
 """
 
@@ -15,7 +15,7 @@ from pathlib import Path
 from pipeline.optics.glass.medium import Dispersion, GlassError, Medium, Polynomial, Sellmeier
 
 _NEAR_NAMES = 4
-"""Names that a hint has at most: more would not be read."""
+"""Most names in a hint: more would not be read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,7 @@ class Glass(Medium):
 
 
 def find(name: str) -> Glass:
-    """The glass of a name, with `vendor:` in front or without.
+    """The glass of a name, with or without `vendor:` in front.
 
     Raises GlassError: no entry has this name, or several vendors have one, and none is named.
     """
@@ -40,9 +40,9 @@ def find(name: str) -> Glass:
         hint = f"near names: {listed(near)}" if near else "write vendor:name, as in schott:N-BK7"
         raise GlassError(f'no glass "{name}" in the catalogue', hint=hint, code="unknown-glass")
     if len(glasses) > 1:
-        what = f'"{name}" is a glass of {len(glasses)} vendors: {listed(glasses)}'
+        message = f'"{name}" is a glass of {len(glasses)} vendors: {listed(glasses)}'
         hint = f'write one of them with its vendor, as in "{glasses[-1].label}"'
-        raise GlassError(what, hint=hint, code="ambiguous-glass")
+        raise GlassError(message, hint=hint, code="ambiguous-glass")
     return glasses[0]
 
 
@@ -53,14 +53,14 @@ def near_names(name: str) -> list[Glass]:
     if exact:
         return exact
     names = list(_rows_by_name())
-    prefixed = [known for known in names if known.endswith("-" + bare)]  # N-BK7 for BK7
+    prefixed = [entry for entry in names if entry.endswith("-" + bare)]  # N-BK7 for BK7
     spelt_nearly = difflib.get_close_matches(bare, names, n=_NEAR_NAMES, cutoff=0.6)
-    close = [glass for known in dict.fromkeys([*prefixed, *spelt_nearly]) for glass in _named(known)]
+    close = [glass for entry in dict.fromkeys([*prefixed, *spelt_nearly]) for glass in _named(entry)]
     return ([glass for glass in close if glass.vendor == vendor] or close)[:_NEAR_NAMES]
 
 
 def nearest(nd: float, vd: float, max_dnd: float, max_dvd: float) -> list[Glass]:
-    """Glasses within a distance of an n_d and a V_d, nearest first, distances counted in these limits."""
+    """Glasses within limits of an n_d and a V_d, nearest first; the limits are the units of distance."""
     ranked = []
     for glass in catalogue():
         if glass.nd is None or glass.vd is None:
@@ -110,7 +110,7 @@ def _named(bare: str) -> list[Glass]:
 
 @cache
 def _glass(number: int) -> Glass:
-    """The glass of a row: a lens needs a handful of them, and making all takes longer than reading the table."""
+    """The glass of a row, made on demand: a lens needs a handful, and making all takes longer than reading them."""
     row = _table()[number]
     return Glass(
         label=f"{row['vendor']}:{row['glass']}",
@@ -126,7 +126,8 @@ def _glass(number: int) -> Glass:
 
 def _dispersion(row: dict[str, str]) -> Dispersion:
     numbers = [float(row[f"c{i}"]) for i in range(15) if row[f"c{i}"]]
-    constant, terms = numbers[0], tuple(zip(numbers[1::2], numbers[2::2], strict=True))
+    constant = numbers[0]
+    terms = tuple(zip(numbers[1::2], numbers[2::2], strict=True))
     if row["formula"] == "3":
         return Polynomial(constant=constant, terms=terms)
     if row["formula"] == "1":  # prints resonances, formula 2 their squares

@@ -10,27 +10,27 @@ from pipeline.optics.glass.medium import GlassError, Medium
 
 AIR, VACUUM, WATER = "air", "vacuum", "water"
 FLUIDS = AIR, VACUUM, WATER
-"""What a medium may be called beside the names of glasses."""
+"""Names of media that are no glasses."""
 _MEASURED_C, _MEASURED_KPA = 20.0, 101.325
-"""Temperature and pressure of the air that indices are relative to."""
+"""Temperature and pressure of the air to which indices are relative."""
 _WATER_NM, _WATER_C, _SALINITY = (400.0, 700.0), (0.0, 30.0), (0.0, 43.0)
 """Wavelengths, temperatures and salinities [g/kg] over which the formula of water was fitted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
-    """Dry air of a temperature and pressure (Metrologia 31, 315); a vacuum at 0 kPa."""
+    """Dry air of a temperature and pressure (Birch and Downs, Metrologia 31, 1994, 315); a vacuum at 0 kPa."""
 
     temperature_c: float
     pressure_kpa: float
 
     def index(self, wavelength_um: float) -> float:
         """Refractive index relative to measured air [1]."""
-        there, measured = (
+        actual, measured = (
             vacuum_index_of_air(wavelength_um, *condition)
             for condition in ((self.temperature_c, self.pressure_kpa), (_MEASURED_C, _MEASURED_KPA))
         )
-        return there / measured
+        return actual / measured
 
 
 def vacuum_index_of_air(wavelength_um: float, temperature_c: float, pressure_kpa: float = _MEASURED_KPA) -> float:
@@ -44,7 +44,7 @@ def vacuum_index_of_air(wavelength_um: float, temperature_c: float, pressure_kpa
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Water:
-    """Fresh and sea water (Quan and Fry 1995, Applied Optics 34, 3477), which is relative to air."""
+    """Fresh and sea water relative to air (Quan and Fry 1995, Applied Optics 34, 3477)."""
 
     temperature_c: float
     salinity: float  # [g/kg]
@@ -66,8 +66,8 @@ def fluid(
         ranges = (temperature_c, *_WATER_C, "plen:medium:temperature"), (salinity, *_SALINITY, "plen:medium:salinity")
         for value, low, high, attribute in ranges:
             if not low <= value <= high:
-                what = f"water is known from {low:g} to {high:g}, and {attribute} is {value:g}"
-                raise GlassError(what, hint='a medium of any index: plen:medium = "constant(1.333)"', code="medium")
+                message = f"water is known from {low:g} to {high:g}, and {attribute} is {value:g}"
+                raise GlassError(message, hint='a medium of any index: plen:medium = "constant(1.333)"', code="medium")
         water = Water(temperature_c=temperature_c, salinity=salinity)
         return Medium(label=name, dispersion=water, min_nm=_WATER_NM[0], max_nm=_WATER_NM[1])
     return Medium(label=name, dispersion=Air(temperature_c=temperature_c, pressure_kpa=pressure_kpa * (name == AIR)))

@@ -1,8 +1,8 @@
-"""Transparent media: dispersion formulas, and the wavelengths for which they hold; errors of glasses, each with the
-stable name under which `check` reports it.
+"""Transparent media: dispersion formulas with their ranges of wavelengths, and errors of glasses.
 
 A formula is the index relative to air as a function of the wavelength in air, in micrometres, because coefficients are
-printed for them; everywhere else wavelengths are nanometres.
+printed for them; everywhere else wavelengths are nanometres. The code of an error is the stable name under which
+`check` reports it.
 """
 
 import math
@@ -13,7 +13,7 @@ from pipeline.errors import PipelineError
 
 
 class GlassError(PipelineError):
-    """A medium whose index or absorption cannot be known."""
+    """A medium without an index or an absorption."""
 
     code = "glass"
 
@@ -34,7 +34,7 @@ Terms = tuple[tuple[float, float], ...]
 
 
 class Dispersion(Protocol):
-    """Anything that knows an index for a wavelength."""
+    """The refractive index as a function of the wavelength."""
 
     def index(self, wavelength_um: float) -> float:
         """Refractive index relative to air [1]."""
@@ -43,7 +43,7 @@ class Dispersion(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Constant:
-    """n is the same for all wavelengths: no dispersion."""
+    """A constant n: no dispersion."""
 
     n: float
 
@@ -90,14 +90,14 @@ class Cauchy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NormalLine:
-    """The usual dispersion of a glass of which only n_d and V_d are known; both come out exactly.
+    """The typical dispersion of a glass with this n_d and V_d; both are met exactly.
 
     n(w) = n_d + (n_d - 1) / V_d * [f2 + (-0.0154391 + 0.160210 / V_d) g4 + (0.0000962216 + 0.0685038 / V_d) g6]
     with f_k(w) = w^-k - d^-k, f2 scaled to 1 between F and C, and g_k(w) = f_k less its part along f2.
 
     The four coefficients are a least-squares fit to 1,583 glasses of the catalogue from 400 to 700 nm. The largest
-    error over that band is 1.8e-4 for the median glass, below 5e-4 for 95 per cent of them, 1.3e-3 at worst (a
-    Cauchy formula through the same two numbers: 9e-4, 8e-3, 3e-2). Glasses off the normal line are the worst.
+    error over that band is 1.8e-4 for the median glass, below 5e-4 for 95 per cent of them, 1.3e-3 at worst (a Cauchy
+    formula through the same two numbers: 9e-4, 8e-3, 3e-2). Glasses off the normal line are the worst.
     """
 
     nd: float
@@ -129,7 +129,7 @@ def _between_f_and_c(k: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Melt:
-    """A melt whose index is off that of its glass, by the same at all wavelengths."""
+    """A melt whose index differs from that of its glass by a constant at all wavelengths."""
 
     glass: Dispersion
     offset: float
@@ -160,12 +160,12 @@ class Medium:
 
     @property
     def nd(self) -> float | None:
-        """Index at the helium d line; None for media that are not known there."""
+        """Index at the helium d line; None for media whose formula does not hold there."""
         return self.dispersion.index(D_UM) if self.holds(1000.0 * D_UM) else None
 
     @property
     def vd(self) -> float | None:
-        """Abbe number (n_d - 1) / (n_F - n_C); None for media without dispersion or unknown in the visible."""
+        """Abbe number (n_d - 1) / (n_F - n_C); None for media without dispersion or undefined in the visible."""
         if not (self.holds(1000.0 * F_UM) and self.holds(1000.0 * C_UM)):
             return None
         blue, yellow, red = (self.dispersion.index(line) for line in (F_UM, D_UM, C_UM))

@@ -1,7 +1,7 @@
-"""Names of glasses in files of lens-design programs: makers by their dated catalogues, glasses that have no formula
-here or are no longer made, and codes of n_d and V_d. README.md here says where the table of names comes from.
+"""Glass names in files of lens-design programs: makers by their dated catalogues, obsolete glasses and glasses without
+a formula here, and codes of n_d and V_d. README.md here names the source of the table of names.
 
-Importers ask here, and report what they take: in a stage a name is one glass, or an error.
+For importers, which report every substitution: in a stage a name is one glass, or an error.
 """
 
 import difflib
@@ -18,16 +18,17 @@ from pipeline.optics.glass.row import MAX_ABBE_DIFFERENCE, MAX_INDEX_DIFFERENCE,
 _INDICES = (1.2, 5.0)
 """Least and largest index of a glass [1]: aerogels have less, germanium has 4.1 in the infrared."""
 _OVER_2 = 200
-"""Codes of six figures count from 2 below it [1e-3]: no glass has an index below 1.2, S-LAH79 is 003283 [1]."""
+"""Six-digit codes below this stand for an index above 2 [1e-3]: no glass has an index below 1.2, S-LAH79 is 003283
+[1]."""
 _NEAR = 3
 """Names that are proposed for an unknown one: more would not be read."""
 _NOBODY, _MATERIAL = "", "material"
-"""Vendors of names in catalogues of many makers, Zemax's MISC and CODE V's SPECIAL, and of what they stand for here."""
+"""Vendors of names in catalogues of many makers, Zemax's MISC and CODE V's SPECIAL, and of their substitutes here."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Named:
-    """A medium by the name that a lens file gives it."""
+    """A medium by its name in a lens file."""
 
     medium: Medium
     glass: str = ""  # as `plen:glass` of a stage has it; empty where index and Abbe number say all
@@ -35,7 +36,7 @@ class Named:
     maker: str = _NOBODY
 
     def printed(self, wavelength_nm: float | None) -> tuple[float, float | None, str]:
-        """Index at a wavelength, by default the d line, with Abbe number and name; OutOfRange if it has none there."""
+        """Index at a wavelength, by default the d line, with Abbe number and name; OutOfRange beyond its formula."""
         return self.medium.index(wavelength_nm or 1000 * D_UM), self.medium.vd, self.glass
 
 
@@ -43,20 +44,20 @@ AIR = Named(medium=Medium(label="air", dispersion=Constant(n=1.0)))
 
 
 def model(nd: float, vd: float | None, glass: str = "") -> Named:
-    """A glass of which only n_d and V_d are known, None for no dispersion; GlassError for an index that none has."""
+    """A glass given by n_d and V_d alone, None for no dispersion; GlassError for an index that no glass has."""
     if not (_INDICES[0] <= nd <= _INDICES[1] or abs(nd - 1) <= GAS):
         raise GlassError(f"no medium of a lens has an index of {nd:g}", hint="glasses have 1.2 to 5, gases about 1")
     if vd:
-        known = medium(glass="", index=nd, abbe=vd, wavelength_nm=1000 * D_UM)
-        return Named(medium=replace(known, label=glass or known.label), glass=glass)
+        line = medium(glass="", index=nd, abbe=vd, wavelength_nm=1000 * D_UM)
+        return Named(medium=replace(line, label=glass or line.label), glass=glass)
     return Named(medium=Medium(label=glass or f"{nd:g}", dispersion=Constant(n=nd)), glass=glass)
 
 
 def named(name: str, catalogues: Sequence[str] = ()) -> Named:
-    """The glass of a name or code, with `vendor:` in front or without; `catalogues` are those that its file names.
+    """The glass of a name or code, with or without `vendor:` in front; `catalogues` are those that its file names.
 
-    One of these counts before all others, and the first before the next. GlassError: no glass has that name, or none in
-    these catalogues and several elsewhere that differ.
+    A glass of these catalogues takes precedence, of the first one before the next. GlassError: no glass has that name,
+    or none in these catalogues and several elsewhere that differ.
     """
     if numbers := _coded(name):
         close = nearest(*numbers, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)[:1]
@@ -70,22 +71,22 @@ def named(name: str, catalogues: Sequence[str] = ()) -> Named:
     if not own and (vendor or not every):
         near = ", ".join(_shown(_entries(key)[0]) for key in difflib.get_close_matches(_plain(bare), _rows(), _NEAR, 0))
         raise GlassError(f'no glass "{name}" is known', hint=f"near names: {near}", code="unknown-glass")
-    first, *others = own or every
-    rivals = ", ".join(dict.fromkeys(_shown(one) for one in others if _differ(one.medium, first.medium)))
+    first, *alternatives = own or every
+    rivals = ", ".join(dict.fromkeys(_shown(one) for one in alternatives if _differ(one.medium, first.medium)))
     if rivals and not own:
-        what = f'"{name}" is a glass of several makers: {_shown(first)}, {rivals}'
-        raise GlassError(what, code="ambiguous-glass")
+        message = f'"{name}" is a glass of several makers: {_shown(first)}, {rivals}'
+        raise GlassError(message, code="ambiguous-glass")
     said = first.remark
     if rivals:
         said = f"{name} is taken from the first of the file's catalogues, {_shown(first)}; it is also {rivals}"
-    elif not own and (catalogues or others) and not said:
+    elif not own and (catalogues or alternatives) and not said:
         why = "is in no catalogue that the file names" if catalogues else "is a glass of several makers that agree"
         said = f"{name} {why}; taken is {_shown(first)}"
     return replace(first, remark=said)
 
 
 def maker(text: str) -> str:
-    """The maker of a catalogue by its name, as CDGM-ZEMAX202206 or OLD_SCHO; empty for a catalogue of many."""
+    """The maker of a catalogue from its name, as CDGM-ZEMAX202206 or OLD_SCHO; empty for a catalogue of many makers."""
     words = re.findall("[a-z]{3,}", text.casefold())
     makers = {entry["vendor"] for rows in _rows().values() for entry in rows} - {_NOBODY, _MATERIAL}
     return next((one for word in words for one in makers if word.startswith(one) or one.startswith(word)), _NOBODY)
@@ -102,14 +103,14 @@ def _coded(text: str) -> tuple[float, float] | None:
 
 
 def _entries(bare: str) -> list[Named]:
-    """Glasses of a name, of the catalogue and of the table of names; hyphens aside where none has it to the letter."""
+    """Glasses of a name in the catalogue and in the table of names; hyphens count only if a name matches exactly."""
     rows = _rows().get(_plain(bare), [])
     exact = [entry for entry in rows if entry["glass"].casefold() == bare.casefold()]
     return list(map(_of_row, exact or rows))
 
 
 def _of_row(entry: dict[str, str]) -> Named:
-    """The glass of a row of either table: itself, one that stands for it, or the normal line through its numbers."""
+    """The glass of a row of either table: itself, its substitute, or the normal line through its numbers."""
     name, vendor = entry["glass"], entry["vendor"]
     if "stands" not in entry:
         glass = find(f"{vendor}:{name}")
@@ -117,8 +118,8 @@ def _of_row(entry: dict[str, str]) -> Named:
     nd, vd = (float(entry[number]) if entry[number] else None for number in ("nd", "Vd"))
     whose = f"{name} of {vendor}" if vendor else name
     if nd and not entry["stands"]:
-        known, line = (f"{nd:.5f}/{vd:.2f}", "the normal line through these") if vd else (f"{nd:g}", "no dispersion")
-        said = f"{whose} ({known}) has no formula here and gets {line}"
+        numbers, line = (f"{nd:.5f}/{vd:.2f}", "the normal line through these") if vd else (f"{nd:g}", "no dispersion")
+        said = f"{whose} ({numbers}) has no formula here and gets {line}"
         return replace(model(nd, vd, name), remark=said, maker=vendor)
     stands = fluid(entry["stands"]) if entry["stands"] in FLUIDS else find(entry["stands"])
     apart = f" ({nd:.5f}/{vd:.2f}){_apart(stands, nd, vd)}" if nd and vd else ""
@@ -127,7 +128,7 @@ def _of_row(entry: dict[str, str]) -> Named:
 
 
 def _apart(glass: Medium, nd: float, vd: float) -> str:
-    """Differences of n_d and V_d of a glass from stated ones, in words; empty if it has none."""
+    """Differences of n_d and V_d of a glass from stated values, in words; empty if it lacks either."""
     if glass.nd is None or glass.vd is None:
         return ""
     return f": n_d {round(glass.nd - nd, 5) + 0.0:+.5f}, V_d {round(glass.vd - vd, 2) + 0.0:+.2f}"

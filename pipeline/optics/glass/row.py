@@ -1,8 +1,8 @@
-"""The medium of one row of a prescription: what its glass, printed index and Abbe number together say.
+"""The medium of one row of a prescription, from its glass, printed index and Abbe number.
 
 In this order: a glass of the catalogue; a formula written in its place; without a name air, or the normal line through
-index and Abbe number. Nothing is ever taken in place of a name that is not known. A written formula is doubted where
-what it says is no property of clear glass.
+index and Abbe number. An unknown name is never replaced. A written formula is doubted where its index is not that of a
+clear glass.
 """
 
 import math
@@ -22,9 +22,10 @@ from pipeline.optics.glass.medium import (
 )
 
 MAX_INDEX_DIFFERENCE = 5e-4
-"""Difference beyond which a printed index belongs to another glass [1]: prints are rounded to 1e-3."""
+"""Largest difference between a printed index and that of the named glass [1]: prints are rounded to 1e-3."""
 MAX_ABBE_DIFFERENCE = 0.5
-"""Difference beyond which a printed Abbe number belongs to another glass [1]: prints are rounded to 0.1, mostly."""
+"""Largest difference between a printed Abbe number and that of the named glass [1]: prints are mostly rounded to
+0.1."""
 
 MODEL_RANGE_NM = (400.0, 700.0)
 """Wavelengths over which the normal line was fitted."""
@@ -42,20 +43,20 @@ _NEAR = 1.25
 """Ratio of a wavelength and a resonance, the longer over the shorter, below which light is absorbed [1]: at 400 nm no
 glass of the catalogue is nearer than 1.38."""
 _STEP_UM = 1e-3
-"""Step over which the slope of an index is asked [um]."""
+"""Step over which the slope of an index is measured [um]."""
 
 
 def names_an_entry(glass: str) -> bool:
-    """Whether a glass is more than a name as printed: with its vendor, or as a formula."""
+    """Whether a glass is stated with its vendor or as a formula, not merely by a name as printed."""
     return ":" in glass or _is_written(glass)
 
 
 def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
-    """The medium of a row; a GlassError if it is not known, or not what is printed.
+    """The medium of a row; a GlassError if it is unknown, or contradicts the printed values.
 
     `glass`: `vendor:name`, a name that one vendor uses, a formula, or empty.
     `index`, `abbe`: printed values; None where nothing is printed.
-    `wavelength_nm`: to which the printed index belongs.
+    `wavelength_nm`: of the printed index.
     """
     if not glass:
         return _nameless(index, abbe, wavelength_nm)
@@ -74,8 +75,8 @@ def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> 
         return Medium(label="air", dispersion=Constant(n=1.0))
     if abbe is None:
         hint = 'write "plen:glass", or "plen:abbe" for a model, or plen:glass = "constant(n)" for no dispersion'
-        what = f"nothing is known of the dispersion of a medium with index {index}"
-        raise GlassError(what, hint=hint, code="unknown-glass")
+        message = f"nothing is known of the dispersion of a medium with index {index}"
+        raise GlassError(message, hint=hint, code="unknown-glass")
     low_nm, high_nm = MODEL_RANGE_NM
     line = NormalLine.through(index, abbe, wavelength_nm / 1000.0)
     model = Medium(label=f"normal line {index:g}/{abbe:g}", dispersion=line, min_nm=low_nm, max_nm=high_nm)
@@ -118,7 +119,7 @@ def _formula(kind: str, numbers: list[float]) -> Dispersion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Written:
-    """A formula of unknown range: refuses to be evaluated to what no glass has."""
+    """A formula of unknown range, which refuses to yield an index that no glass has."""
 
     text: str
     dispersion: Dispersion
@@ -131,16 +132,18 @@ class Written:
             n = math.nan
         if not 1 <= n < math.inf:
             hint = "coefficients belong to wavelengths in um: are their units, signs and order right?"
-            what = f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm'
-            raise GlassError(what, hint=hint, code=_BAD_FORMULA)
+            message = f'"{self.text}" gives no index of 1 or more at {1000 * wavelength_um:.7g} nm'
+            raise GlassError(message, hint=hint, code=_BAD_FORMULA)
         return n
 
 
 def _compare(entry: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
-    """Refuse an entry that is not the printed glass."""
+    """Raise a GlassError if an entry is not the printed glass."""
     differences = []
-    if index is not None and not abs((known := entry.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
-        differences.append(f"index {known:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({known - index:+.6f})")
+    if index is not None and not abs((actual := entry.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
+        differences.append(
+            f"index {actual:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({actual - index:+.6f})"
+        )
     if abbe is not None and (vd := entry.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
         differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
     if differences:
@@ -149,7 +152,7 @@ def _compare(entry: Medium, index: float | None, abbe: float | None, wavelength_
 
 
 def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: float | None) -> GlassError:
-    """The same error; its hint also names glasses that are close to what is printed, those of the same name first."""
+    """The error with a hint that names glasses close to the printed values, those of the same name first."""
     if index is None or abbe is None:
         return error
     name = glass.rpartition(":")[2].casefold()
@@ -161,25 +164,26 @@ def _with_neighbours(error: GlassError, glass: str, index: float | None, abbe: f
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """A doubt, and how to mend what it is about."""
+    """A plausibility warning and its remedy."""
 
     message: str
     hint: str
 
 
 def doubt_of(medium: Medium, wavelength_nm: float) -> Doubt | None:
-    """Doubt about a written formula at a wavelength in air; None where it is sound, and for glasses by name."""
+    """Plausibility warning about a written formula at a wavelength in air; None if sound, or for glasses by name."""
     if not isinstance(medium.dispersion, Written):
         return None
-    index, wavelength_um = medium.index(wavelength_nm), wavelength_nm / 1000.0
+    index = medium.index(wavelength_nm)
+    wavelength_um = wavelength_nm / 1000.0
     at = f'"{medium.label}" is used at {wavelength_nm:.7g} nm'
     formula = medium.dispersion.dispersion
     terms = formula.terms if isinstance(formula, Sellmeier) else ()
     for resonance_um in (math.sqrt(c) for b, c in terms if b != 0 and c > 0):
         if 1.0 / _NEAR < wavelength_um / resonance_um < _NEAR:
             hint = "c1, c2, ... are squares of wavelengths in um^2: 0.01 in the ultraviolet, 100 in the infrared"
-            what = f"{at}, in the absorption band about its resonance at {1000 * resonance_um:.7g} nm"
-            return Doubt(f"{what}, where its index is {index:.4g}", hint)
+            message = f"{at}, in the absorption band about its resonance at {1000 * resonance_um:.7g} nm"
+            return Doubt(f"{message}, where its index is {index:.4g}", hint)
     if medium.dispersion.index(wavelength_um + _STEP_UM) > index:
         hint = "coefficients belong to wavelengths in um: are their units, signs and order right?"
         return Doubt(f"{at}, where its index grows with the wavelength, as no clear glass has it", hint)

@@ -1,8 +1,8 @@
-"""Glass at other temperatures: its index by Schott's formula, and its expansion, of the table that ships here.
+"""Glass at other temperatures: its index by Schott's formula, and its expansion, from the table that ships here.
 
 Schott, Technical Information TIE-19, "Temperature Coefficient of the Refractive Index": constants of the formula are
-those of the index in vacuum; the catalogue's own index is relative to air, and so is what comes out here, to air of the
-glass's temperature.
+those of the index in vacuum. The catalogue's index is relative to air, and so is the result here, relative to air of
+the glass's temperature.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Thermal:
     expansion_per_k: float
 
     def index(self, index: float, wavelength_um: float, from_c: float, to_c: float) -> float:
-        """Index at a temperature [1], where it is `index` at another; both relative to air of the glass's temperature.
+        """Index at one temperature [1] from `index` at another, both relative to air of the glass's temperature.
 
         The wavelength is that in air.
         """
@@ -47,12 +47,12 @@ class Thermal:
 
 
 def thermal(label: str) -> Thermal:
-    """The constants of a glass of the catalogue, by `vendor:name`; GlassError if they are not known."""
+    """Thermal constants of a glass of the catalogue, by `vendor:name`; GlassError if the table lacks them."""
     row = _rows().get(label)
     if row is None:
-        what = f"nothing is known of how {label} changes with its temperature"
+        message = f"nothing is known of how {label} changes with its temperature"
         hint = "write plen:indexSlope and plen:expansion on its surface, with their source"
-        raise GlassError(what, hint=hint, code="unknown-thermal")
+        raise GlassError(message, hint=hint, code="unknown-thermal")
     numbers = {name: float(text) for name, text in row.items() if name not in ("vendor", "glass")}
     return Thermal(
         reference_c=numbers["temp_C"],

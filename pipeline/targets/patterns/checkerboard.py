@@ -14,7 +14,7 @@ from pipeline.targets.patterns.pattern import Marks, Pattern, TargetError, drawn
 class Checkerboard(Pattern):
     """A checkerboard. The top-left square is black, and a white margin one square wide runs around the squares.
 
-    `columns`, `rows`: inner corners along x and y; their sum is odd, so that the board has one orientation.
+    `columns`, `rows`: inner corners along x and y; their sum is odd, so that the orientation of the board is unique.
     """
 
     KIND: ClassVar[str] = "checkerboard"
@@ -89,7 +89,8 @@ class Deltille(Pattern):
     @drawn_once
     def drawing(self) -> Drawing:
         """Six triangles around every inner corner: black triangles on a sheet with a margin of half an edge."""
-        nodes, triangles = self._nodes(), []
+        nodes = self._nodes()
+        triangles = []
         for row in range(self.rows + 1):
             for column in range(self.columns + 2):
                 left = column - 1 + row % 2

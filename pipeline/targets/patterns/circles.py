@@ -50,7 +50,8 @@ class CircleGrid(Pattern):
     @drawn_once
     def drawing(self) -> Drawing:
         """Discs on a sheet with a margin of one spacing plus a radius around the outermost centres."""
-        marks, radius = self.marks().xy_mm, self.diameter_mm / 2
+        marks = self.marks().xy_mm
+        radius = self.diameter_mm / 2
         half_x, half_y = np.abs(marks).max(axis=0) + self.spacing_mm + radius
         return Drawing(float(half_x), float(half_y), [Disc(x=x, y=y, radius=radius) for x, y in marks])
 

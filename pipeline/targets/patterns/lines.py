@@ -36,7 +36,8 @@ class SlantedEdge(Pattern):
     @property
     def drawing(self) -> Drawing:
         """One polygon to the right of the edge."""
-        (_, (top, y), (bottom, _)), right = self.marks().xy_mm, self.width_mm / 2
+        _, (top, y), (bottom, _) = self.marks().xy_mm
+        right = self.width_mm / 2
         corners = ((float(bottom), -float(y)), (right, -float(y)), (right, float(y)), (float(top), float(y)))
         return Drawing(right, self.height_mm / 2, (Polygon(corners=corners),))
 
@@ -46,8 +47,9 @@ class SlantedEdge(Pattern):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lines(Pattern):
-    """Black lines, vertical, horizontal or both. Each extends half a spacing beyond the outermost lines that it may
-    cross.
+    """Black lines, vertical, horizontal or both.
+
+    Each extends half a spacing beyond the outermost lines of the other direction.
     """
 
     KIND: ClassVar[str] = "lines"
@@ -88,7 +90,8 @@ class Lines(Pattern):
     @property
     def drawing(self) -> Drawing:
         """A rectangle per line, on a sheet with a margin of half a spacing."""
-        (half_x, half_y), w = self._half_mm, self.width_mm / 2
+        half_x, half_y = self._half_mm
+        w = self.width_mm / 2
         upright, level = grid(self.columns, 1, self.spacing_mm)[:, 0], grid(1, self.rows, self.spacing_mm)[:, 1]
         shapes = [Polygon(corners=rectangle(float(x) - w, -half_y, float(x) + w, half_y)) for x in upright]
         shapes += [Polygon(corners=rectangle(-half_x, float(y) - w, half_x, float(y) + w)) for y in level]

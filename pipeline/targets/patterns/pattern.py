@@ -13,7 +13,7 @@ from pipeline.targets.drawing import Drawing
 
 
 class TargetError(PipelineError):
-    """A target that cannot be built, or that would not have one orientation."""
+    """A target that cannot be built, or whose orientation is ambiguous."""
 
     code = "bad-target"
 
@@ -38,8 +38,8 @@ class Marks:
 class Pattern:
     """A flat pattern about the origin of the chart, x right, y up, with the relative radiance of its two colours.
 
-    The schema says in which ranges its fields lie; a record refuses only what does not fit together. Each field is
-    annotated with its attribute in a stage. The class of the schema is `Plen` and the name of the record.
+    The schema states the ranges of its fields; a record rejects only inconsistent combinations. Each field is annotated
+    with its attribute in a stage. The class of the schema is `Plen` and the name of the record.
     """
 
     KIND: ClassVar[str]
@@ -60,7 +60,7 @@ class Pattern:
         raise NotImplementedError
 
     def for_face(self, number: int) -> "Pattern":
-        """The pattern on another face of the same target: numbers of tags go on, everything else is the same."""
+        """The pattern on another face of the target, where the numbers of tags continue."""
         return self
 
     def radiance(self, x_mm: Float64[np.ndarray, "n"], y_mm: Float64[np.ndarray, "n"]) -> np.ndarray:
@@ -72,8 +72,8 @@ class Pattern:
 def drawn_once(draw: Callable[[Any], Drawing]) -> Callable[[Any], Drawing]:
     """Decorate the drawing of a pattern, so that equal patterns are drawn once.
 
-    A large board has tens of thousands of pieces, and every tile of a truth asks for its drawing. Eight are kept: the
-    faces of a cube, and two more.
+    A large board has tens of thousands of pieces, and every tile of a truth uses its drawing. Eight are kept: the faces
+    of a cube, and two more.
     """
     return functools.lru_cache(maxsize=8)(draw)
 

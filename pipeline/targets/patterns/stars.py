@@ -36,7 +36,8 @@ class Stars(Pattern):
     @property
     def drawing(self) -> Drawing:
         """A star at every mark; its first spoke is centred on +x."""
-        marks, phase = self.marks().xy_mm, -np.pi / self.spokes / 2
+        marks = self.marks().xy_mm
+        phase = -np.pi / self.spokes / 2
         half_x, half_y = np.abs(marks).max(axis=0) + self.spacing_mm
         stars = [
             Spokes(x=x, y=y, inner=0.0, outer=self.diameter_mm / 2, count=self.spokes, phase=phase) for x, y in marks

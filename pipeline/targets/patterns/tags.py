@@ -1,4 +1,4 @@
-"""Boards with tags, which are those of OpenCV: a black square each, and the outlines of its white parts.
+"""Boards with OpenCV's tags: a black square each, and the outlines of its white parts.
 
 Cells of one colour are merged, so that no print or screen shows hairlines between them.
 """
@@ -30,7 +30,7 @@ DICTIONARIES = (
 def _dictionary(name: str):  # type: ignore[no-untyped-def]
     import cv2
 
-    official = next(known for known in dir(cv2.aruco) if known.lower() == f"dict_{name}")
+    official = next(attribute for attribute in dir(cv2.aruco) if attribute.lower() == f"dict_{name}")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, official))
 
 
@@ -43,11 +43,11 @@ def size_of(name: str) -> tuple[int, int]:
 
 
 def require_tags(name: str, first: int, count: int) -> None:
-    """Refuse more tags than a dictionary has."""
-    known, _ = size_of(name)
-    if first < 0 or first + count > known:
+    """Raise a TargetError for more tags than a dictionary has."""
+    available, _ = size_of(name)
+    if first < 0 or first + count > available:
         raise TargetError(
-            f"the target needs tags {first} to {first + count - 1}, and {name} ends at {known - 1}",
+            f"the target needs tags {first} to {first + count - 1}, and {name} ends at {available - 1}",
             hint="take a larger dictionary, or fewer tags",
             code="too-few-tags",
         )
@@ -76,34 +76,33 @@ def tag_shapes(bits: Num[np.ndarray, "n n"], left: float, bottom: float, edge: f
 
 
 def outlines(bits: Num[np.ndarray, "rows columns"]) -> list[list[Corner]]:
-    """Borders of the cells that are 1, as loops of grid corners (column, row); the cells that are 1 lie to their
-    left.
+    """Borders of the cells that are 1, as loops of grid corners (column, row), with these cells on their left.
 
     Cells that touch only at a corner count as separate.
     """
-    ways: dict[Corner, list[Corner]] = {}
+    edges: dict[Corner, list[Corner]] = {}
     for j, i in zip(*np.nonzero(bits), strict=True):
         square = [(int(i), int(j)), (int(i) + 1, int(j)), (int(i) + 1, int(j) + 1), (int(i), int(j) + 1)]
         for start, end in zip(square, square[1:] + square[:1], strict=True):
-            if start in ways.get(end, ()):
-                ways[end].remove(start)  # an edge between two cells is no border
+            if start in edges.get(end, ()):
+                edges[end].remove(start)  # an edge between two cells is no border
             else:
-                ways.setdefault(start, []).append(end)
-    return [_loop(ways, start) for start in sorted(ways) for _ in range(2) if ways[start]]
+                edges.setdefault(start, []).append(end)
+    return [_loop(edges, start) for start in sorted(edges) for _ in range(2) if edges[start]]
 
 
-def _loop(ways: dict[Corner, list[Corner]], start: Corner) -> list[Corner]:
-    here, came = start, (0, 0)
+def _loop(edges: dict[Corner, list[Corner]], start: Corner) -> list[Corner]:
+    corner, last_step = start, (0, 0)
     loop: list[Corner] = []
-    while not loop or here != start:
+    while not loop or corner != start:
         # Where two loops touch, the turn to the left stays with the cell.
-        ends = ways[here]
-        end = max(ends, key=lambda e: came[0] * (e[1] - here[1]) - came[1] * (e[0] - here[0]))
+        ends = edges[corner]
+        end = max(ends, key=lambda e: last_step[0] * (e[1] - corner[1]) - last_step[1] * (e[0] - corner[0]))
         ends.remove(end)
-        way = end[0] - here[0], end[1] - here[1]
-        if way != came:
-            loop.append(here)
-        here, came = end, way
+        step = end[0] - corner[0], end[1] - corner[1]
+        if step != last_step:
+            loop.append(corner)
+        corner, last_step = end, step
     return loop
 
 
@@ -116,7 +115,7 @@ def _area(loop: list[Corner]) -> float:
 class Charuco(Pattern):
     """A checkerboard with a tag in every white square, as OpenCV's CharucoBoard draws it.
 
-    The top-left square is black, but white of a legacy pattern with an even number of rows of squares, as boards were
+    The top-left square is black, except in a legacy pattern with an even number of rows of squares, as boards were
     before OpenCV 4.6. A white margin one square wide runs around the squares.
     """
 
@@ -132,7 +131,7 @@ class Charuco(Pattern):
     square_mm: Annotated[float, "plen:squareSize"]
     marker_mm: Annotated[float, "plen:markerSize"]  # edge of a tag
     dictionary: Annotated[str, "plen:dictionary"] = "4x4_50"
-    # number of the tag in the first white square; the others follow, rows from the top, each from the left
+    # number of the tag in the first white square; numbers ascend along rows, from the top
     first_tag: Annotated[int, "plen:firstTag"] = 0
     marker_corners: Annotated[bool, "plen:markerCorners"] = False  # their corners are target points, too
     legacy_pattern: Annotated[bool, "plen:legacyPattern"] = False  # OpenCV's setLegacyPattern(True)
@@ -246,7 +245,7 @@ class AprilGrid(Pattern):
             shape
             for row, bottom in enumerate(y[::2])
             for column, left in enumerate(x[::2])
-            # OpenCV stores upside down what Kalibr and the AprilTag library print upright.
+            # OpenCV stores tags upside down relative to Kalibr and the AprilTag library.
             for bits in [np.rot90(bits_of(self.dictionary, self.first_tag + row * self.columns + column), 2)]
             for shape in tag_shapes(bits, float(left), float(bottom), self.tag_mm, self.border_bits)
         ]

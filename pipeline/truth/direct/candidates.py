@@ -1,12 +1,12 @@
-"""Candidates: microlenses that may see a target point, and rough image positions, by tracing the point forward
+"""Candidates: microlenses that may see a target point, and approximate image positions, by tracing the point forward
 through the pupil.
 
 Points are in the vision frame. The forward trace uses the lens frame with its origin at the stop: (x, -y, -z) of the
-vision frame. From beside the lens rays are aimed at where the stop is seen from there: `camera.pupil.from_stop`.
+vision frame. From points beside the lens rays aim at the stop as seen from there: `camera.pupil.from_stop`.
 
-Chief points are image positions by a single ray; the mean of the bundle may put the point elsewhere. Without
-microlenses it is the ray through the centre of the stop. Behind a microlens, whose bundle is thin, it is the ray
-through the vertex of the microlens, or of that face which has the aperture. Apertures do not block it.
+Chief points are image positions by a single ray; the mean of the bundle may differ. Without microlenses it is the ray
+through the centre of the stop, the chief ray. Behind a microlens, whose bundle is thin, it is the ray through the
+vertex of the microlens, or of the face that is its aperture. Apertures do not block it.
 """
 
 import itertools
@@ -33,34 +33,31 @@ from pipeline.records.shapes import Float64, Int64
 _FLIP = np.array([1.0, -1.0, -1.0])
 """Signs of x, y and z that convert between the vision frame and the lens frame."""
 _FAN, _WIDE_FAN = 16, 96
-"""Rays along the diameter of a fan: towards the entrance pupil, and, if none of them passes, towards the whole front
-surface, of which the pupil may be a small part.
-"""
+"""Rays along the diameter of a fan: towards the entrance pupil, and, if none of them passes, towards the front surface,
+of which the pupil may be a small part."""
 _PUPIL_SLACK = 1.3
 """Radius of the fan over that of the paraxial entrance pupil [1]: off the axis the real pupil moves and grows."""
 _RIM, _ENOUGH, _FOLLOWED = 2 / 15, 12, 8
-"""Of a fan: its outermost ring of rays, over its radius [1]; rays that show the outline of what passes; how often
-another follows. A pupil that a tilted window before another medium moves by its own width is found by the second.
-"""
+"""Width of a fan's outermost ring of rays, over its radius [1]; rays that suffice for the outline of a pupil; most fans
+that follow a fan. A pupil that a tilted window before another medium moves by its own width is found by the second."""
 _REACH_PX, _BLUR_SHARE = 4.0, 0.25
-"""Search radius around a guess [px], and its part that grows with the width of the blur [1]: observed errors of
-guesses were up to 1.5 px behind microlenses, and a tenth of the blur's width without them.
-"""
+"""Search radius around a guess [px], and its growth with the width of the blur [1]: observed errors of guesses were up
+to 1.5 px behind microlenses, and a tenth of the blur's width without them."""
 _CELL_SLACK = 0.3
-"""A guess may be this many pitches farther from the centre of its own micro-image than from the nearest one, or as far
-as the rim of its microlens blurs the point."""
+"""Excess distance of a guess from the centre of its own micro-image over the nearest one, in pitches; or the blur of
+the point by its microlens, if that is wider."""
 _STEPS = 20
-"""Most steps: the derivative is kept, so each step reduces the error by the same large factor."""
+"""Most steps: the Jacobian is kept, so each step reduces the error by a constant large factor."""
 _DONE_PX, _ACCEPTED_PX = 1e-10, 1e-7
-"""Largest last step that ends the search of all points, and largest last step of a point that counts as found [px]:
-rounding may keep a point from the former; the latter is a ten-thousandth of the default claim.
-"""
+"""Largest last step that ends the search of all points, and largest last step of an accepted point [px]: rounding may
+keep a point from the former; the latter is a ten-thousandth of the default claim."""
 _AIM_STEP_MM = 1e-3
-"""Step of difference quotients of the way to the stop."""
+"""Step of finite differences towards the stop."""
 _AT_CENTRE = 0.1
-"""Distance from the centre of the stop, over its semi-diameter, at which a ray is a chief ray for aims around it."""
+"""Distance from the centre of the stop, over its semi-diameter, within which a ray is a chief ray for aims around
+it."""
 _DIFFERENCE_PX = 0.05
-"""Half the step of difference quotients [px]: chief rays bend little over it, and rounding costs few digits."""
+"""Half the step of finite differences [px]: chief rays bend little over it, and rounding costs few digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +77,9 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     tracer, images = rig.tracer, rig.images
     point, microlens, guess, reach, rays = [], [], [], [], 0
     vertices = None if images is None else Nearby(tracer.vertices_mm)
-    # Blades and obstructions may leave slivers between the rays of a fan: whose circles pass light is looked at.
-    table, fans = enclosing(towards_sensor(tracer.camera.prescription)), _fans(tracer)
+    # Blades and obstructions may leave slivers between the rays of a fan: apertures are replaced by their circles.
+    table = enclosing(towards_sensor(tracer.camera.prescription))
+    fans = _fans(tracer)
     steep, pupil = is_steep(tracer.camera.prescription, points_mm), pupil_fan(tracer.camera.prescription)
     for number, p in enumerate(points_mm):
         aims = [pupil.aims(p) * _FLIP] if steep[number] else fans
@@ -90,15 +88,16 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
         if not len(crossing):
             continue
         if images is None or vertices is None:
-            seen, x = np.array([NO_MICROLENS]), crossing.mean(axis=0, keepdims=True)
+            visible = np.array([NO_MICROLENS])
+            x = crossing.mean(axis=0, keepdims=True)
             blur_px = np.ptp(crossing, axis=0).max() / tracer.camera.sensor.pitch_mm
         else:
             blur_px = 0.0
-            seen, x = _through_microlenses(tracer, images, vertices, crossing, slope)
-        point.append(np.full(len(seen), number))
-        microlens.append(seen)
+            visible, x = _through_microlenses(tracer, images, vertices, crossing, slope)
+        point.append(np.full(len(visible), number))
+        microlens.append(visible)
         guess.append(tracer.pixels_at(x))
-        reach.append(np.full(len(seen), _REACH_PX + _BLUR_SHARE * blur_px))
+        reach.append(np.full(len(visible), _REACH_PX + _BLUR_SHARE * blur_px))
     if not point:
         return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), rays)
     behind, x_px, reach_px = (np.concatenate(parts) for parts in (microlens, guess, reach))
@@ -106,7 +105,7 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
 
 
 def _fans(tracer: Tracer) -> list[np.ndarray]:
-    """Points at which rays are aimed, (n, 3) each: on the paraxial entrance pupil, then on the whole front surface."""
+    """Aim points of rays, (n, 3) each: on the paraxial entrance pupil, then on the front surface."""
     table, pupil = towards_sensor(tracer.camera.prescription), first_order(tracer.camera.prescription).entrance_pupil
     fans = []
     for z, reach, count in (
@@ -122,14 +121,16 @@ def _fans(tracer: Tracer) -> list[np.ndarray]:
 def _footprint(
     tracer: Tracer, table: np.ndarray, fans: list[np.ndarray], point_mm: np.ndarray, *, is_steep: bool
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Crossings with the plane of the sensor or array, slopes there, film frame, (n, 2) each, and the rays traced.
+    """Intersections with the plane of the sensor or array, slopes there, film frame, (n, 2) each, and rays traced.
 
-    Rays of the first fan of which any ray passes; where none does, of one towards the stop as the point sees it.
-    Further fans count where they find light. What passes a fan at its rim, or hardly, is followed by others.
+    From the first fan of which any ray passes, or, if none does, from one towards the stop as seen from the point.
+    Further fans count where they find light. A fan that passes at its rim, or hardly, is followed by others.
     """
-    rays, further = 0, () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
+    rays = 0
+    further = () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
     for number, fan in enumerate(itertools.chain(fans, further)):
-        aim, (position, direction, passed) = fan, _sent(table, point_mm, fan, is_steep=is_steep)
+        aim = fan
+        position, direction, passed = _sent(table, point_mm, fan, is_steep=is_steep)
         rays += len(aim) if number < len(fans) or passed.any() else 0
         for _ in range(_FOLLOWED if passed.any() else 0):
             about = _about(aim, passed)
@@ -139,7 +140,8 @@ def _footprint(
             rays += len(about)
             if not sent[2].any():
                 break
-            aim, (position, direction, passed) = about, sent
+            aim = about
+            position, direction, passed = sent
         if passed.any():
             return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
@@ -150,7 +152,7 @@ def _sent(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rays from a point towards aims, behind the lens, (n, 3) each, lens frame, and which pass, (n,) bool.
 
-    They leave the point forwards, or if it is steep towards their aims.
+    They leave the point forwards, or towards their aims if the point is steep.
     """
     position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
     direction = aim - position
@@ -162,9 +164,10 @@ def _sent(
 
 
 def _about(aim: np.ndarray, passed: np.ndarray) -> np.ndarray | None:
-    """The fan about what passes of another, of the same shape; None: the rim of that is dark, and enough rays pass."""
-    offset, lit = aim - aim.mean(axis=0), np.flatnonzero(passed)
-    # Over a disc of radius 1 the variance along any axis is 1/4; fans are discs, or such stretched.
+    """A fan of equal shape about the rays of another that pass; None: its rim is dark, and enough rays pass."""
+    offset = aim - aim.mean(axis=0)
+    lit = np.flatnonzero(passed)
+    # Over a disc of radius 1 the variance along any axis is 1/4; fans are discs or ellipses.
     to_disc = np.linalg.pinv(offset.T @ offset / len(aim)) / 4
     middle = aim[lit].mean(axis=0)
     from_centre, from_middle = (
@@ -176,23 +179,26 @@ def _about(aim: np.ndarray, passed: np.ndarray) -> np.ndarray | None:
 
 
 def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
-    """Points over the entrance pupil as a point sees it, (n, 3): as it moves off the axis; then as windows displace it,
-    by Newton's method, whatever apertures block, unless no real ray comes to the centre of the stop.
+    """Points over the entrance pupil as seen from a point, (n, 3).
+
+    First as the pupil moves off the axis; then as windows displace it, by Newton's method without apertures, unless no
+    real ray reaches the centre of the stop.
     """
     yield pupil_fan(tracer.camera.prescription).aims(point_mm) * _FLIP
-    front, stop = unbounded(table[: tracer.camera.prescription.stop_index + 1]), tracer.camera.prescription.stop
+    front = unbounded(table[: tracer.camera.prescription.stop_index + 1])
+    stop = tracer.camera.prescription.stop
     start, aim = point_mm * _FLIP, fan[len(fan) // 2] * (0.0, 0.0, 1.0)
     steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for _ in range(_STEPS):
         aims = aim + _AIM_STEP_MM * steps
-        way = aims - start
-        way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
-        crossing, _, passes = traced(front, np.repeat(start[None], 3, axis=0), way)
+        direction = aims - start
+        direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
+        crossing, _, passes = traced(front, np.repeat(start[None], 3, axis=0), direction)
         local = apply(inverse_transform(motion_of(front[-1])), crossing)[:, :2]
-        derivative = (local[1:] - local[0]).T / _AIM_STEP_MM
-        if not passes.all() or not abs(np.linalg.det(derivative)) > 0:
+        jacobian = (local[1:] - local[0]).T / _AIM_STEP_MM
+        if not passes.all() or not abs(np.linalg.det(jacobian)) > 0:
             return
-        over_stop = np.linalg.inv(derivative)
+        over_stop = np.linalg.inv(jacobian)
         aim = aim - np.append(over_stop @ local[0], 0.0)
         if np.hypot(*local[0]) < _AT_CENTRE * stop.semi_diameter_mm:
             disc = (fan[:, :2] - fan[:, :2].mean(axis=0)) / np.abs(fan[:, :2] - fan[:, :2].mean(axis=0)).max()
@@ -203,25 +209,25 @@ def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: n
 def _through_microlenses(
     tracer: Tracer, images: MicroImages, vertices: Nearby, crossing: np.ndarray, slope: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Microlenses lit by a footprint, and positions where the rays through their vertices meet the sensor."""
+    """Microlenses lit by a footprint, and the positions where rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
     spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
     reached = vertices.within(crossing, array.pitch_mm + spacing)[1]
-    seen = np.unique(reached[reached != NOBODY])
+    lit = np.unique(reached[reached != NOBODY])
     # Slopes are nearly linear in the crossing; if all rays meet in a point, their mean is used.
     q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)
     soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
     along = np.linalg.solve(q.T @ q + soft, q.T @ s)
-    vertex = tracer.vertices_mm[seen]
+    vertex = tracer.vertices_mm[lit]
     x = vertex - array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
-    farther = np.hypot(*(x - images.centre_mm[seen]).T) - images.nearby.nearest(x)[0][:, 0]
+    farther = np.hypot(*(x - images.centre_mm[lit]).T) - images.nearby.nearest(x)[0][:, 0]
     # Out of focus, where a rim cuts the bundle, all light may come through the microlens at its own rim.
-    focal_mm = np.array(array.focal_lengths_mm)[tracer.lattice.type[seen], None, None]
+    focal_mm = np.array(array.focal_lengths_mm)[tracer.lattice.type[lit], None, None]
     spread = np.eye(2) * (1 - array.distance_mm / focal_mm) - array.distance_mm * along
     blur_mm = np.hypot(*tracer.arrays.aperture.T).max() * np.linalg.norm(spread, ord=2, axis=(1, 2))
     near = farther <= np.maximum(_CELL_SLACK * array.pitch_mm, blur_mm)
-    return seen[near], x[near]
+    return lit[near], x[near]
 
 
 def chief_points(
@@ -236,7 +242,7 @@ def chief_points(
     px_per_mm = inverse(chief_jacobian(tracer, microlens, x, planes))
     step = np.full(x.shape, np.nan)
     for _ in range(_STEPS):
-        # The derivative hardly changes between two positions of one point.
+        # The Jacobian hardly changes between two positions of one point.
         step = -np.einsum("nij,nj->ni", px_per_mm, miss)
         x = x + step
         if not (np.abs(step) > _DONE_PX).any():
@@ -251,7 +257,7 @@ def chief_jacobian(
     x_px: Float64[np.ndarray, "n 2"],
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
-    """Derivatives of the hits of chief rays by the image position, (n, 2, 2) [mm per px]; NaN without a chief ray."""
+    """Jacobian of the hits of chief rays by image position, (n, 2, 2) [mm per px]; NaN without a chief ray."""
     change = [
         _chief_hits(tracer, microlens, x_px + step, planes) - _chief_hits(tracer, microlens, x_px - step, planes)
         for step in _DIFFERENCE_PX * np.eye(2)
@@ -262,17 +268,17 @@ def chief_jacobian(
 def _chief_hits(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:
     """Hits of the chief rays of image positions on their planes, (n, 2) [mm]."""
     hits = np.full(x_px.shape, np.nan)
-    known = np.flatnonzero(np.isfinite(x_px).all(axis=1))
-    positions = tracer.positions_mm(*x_px[known].T)
+    traceable = np.flatnonzero(np.isfinite(x_px).all(axis=1))
+    positions = tracer.positions_mm(*x_px[traceable].T)
     if tracer.lattice is None:
         aims = chief_crossings(tracer.table, tracer.stop_row, tracer.on_film(positions))
     else:
-        aims = vertex_aims(tracer, microlens[known], positions)
+        aims = vertex_aims(tracer, microlens[traceable], positions)
     aimed = np.isfinite(aims).all(axis=1)
-    known, positions, aims = known[aimed], positions[aimed], aims[aimed]
+    traceable, positions, aims = traceable[aimed], positions[aimed], aims[aimed]
     arrays = tracer.arrays._replace(table=unbounded(tracer.arrays.table))
-    if len(known):
-        hits[known] = single_hits(arrays, positions, microlens[known], aims, planes[known])
+    if len(traceable):
+        hits[traceable] = single_hits(arrays, positions, microlens[traceable], aims, planes[traceable])
     return hits
 
 

@@ -1,7 +1,7 @@
 """Rows of correspondences by method `direct`: candidates from forward tracing, solutions, and the rules for existing
-rows; and the other way round, the mean rays of image positions.
+rows. Also the inverse: mean rays of image positions.
 
-Rows of position images use it, too, for their light: the nearest position of the grid is not sufficient (in the
+Rows of position images take their light from here, too: the nearest position of the grid is not sufficient (in the
 penumbra of a micro-image its hit fraction is off by 0.1, and its blur by a quarter of the trace).
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.camera.held import Held, by_x
+from pipeline.camera.frozen_pupils import FrozenPupils, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, integrals
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.pupil.chief_ray import chief_crossings
@@ -26,21 +26,21 @@ from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
 from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search, errors_px, mean_hit
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Exposed, PlanePair, Planes, axes_across, faces_camera
-from pipeline.truth.rows import Correspondences, Solutions, which_exist
+from pipeline.truth.rows import Correspondences, Solutions, existing_indices
 
 _AT_ONCE = 1 << 14
 """Positions that are integrated together: bounds memory, and no result depends on it."""
 _DIFFERENCE_PX = 0.25
-"""Half the step of difference quotients where there is no chief ray [px], as in the search of points."""
+"""Half the step of finite differences where there is no chief ray [px], as in the search of points."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeanRays:
-    """Mean rays of image positions, vision frame: straight lines through J on all planes that are parallel to two given
-    ones, which are perpendicular to the axis but in wide cameras.
+    """Mean rays of image positions, vision frame: straight lines through J on all planes parallel to two given ones,
+    which are perpendicular to the axis except in wide cameras.
 
-    Each ray of a bundle crosses such planes at places that are linear in their distance, so the weighted mean is, too.
-    CONVENTIONS.md, "The ray of a position", says why this line and no other. NaN where no light leaves.
+    Each ray of a bundle crosses such planes at positions that are linear in their distance, and so does the weighted
+    mean. CONVENTIONS.md, "The ray of a position", gives the reason for this definition. NaN where no light leaves.
     """
 
     microlens: Int64[np.ndarray, "n"]  # row of the microlens whose bundle it is, or NO_MICROLENS
@@ -52,18 +52,21 @@ class MeanRays:
 def mean_rays(
     rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes: Float64[np.ndarray, "n 2 4 3"], accuracy_px: float
 ) -> MeanRays:
-    """Integrate the bundles of positions, each behind the microlens of its own cell, as finely as the accuracy asks."""
+    """Integrate the bundles of positions, each behind the microlens of its own cell, to the requested accuracy."""
     microlens = rig.microlens_at(rig.tracer.positions_mm(*x_px.T))
-    moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
+    moments = np.full((len(x_px), COLUMNS), np.nan)
+    error = np.full((len(x_px), 2), np.nan)
     for first in range(0, len(x_px), _AT_ONCE):
-        some = np.arange(first, min(first + _AT_ONCE, len(x_px)))
-        moments[some], error[some] = _integrated(rig, x_px[some], microlens[some], planes[some], accuracy_px)
+        batch = np.arange(first, min(first + _AT_ONCE, len(x_px)))
+        moments[batch], error[batch] = _integrated(rig, x_px[batch], microlens[batch], planes[batch], accuracy_px)
     return MeanRays(microlens, moments[:, :4].reshape(-1, 2, 2).copy(), error, rig.hit_fraction(moments))
 
 
 def planes_of_rays(rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[float, float]) -> np.ndarray:
-    """Near and far planes on which rays of positions are found, (n, 2, 4, 3): at two vision z or, of a wide camera,
-    across the chief ray of each position, as far along it from the first vertex; NaN where it has none.
+    """Near and far planes that define the rays of positions, (n, 2, 4, 3).
+
+    At two vision z or, for a wide camera, across the chief ray of each position, equally far along it from the first
+    vertex; NaN where it has none.
     """
     tracer = rig.tracer
     prescription = tracer.camera.prescription
@@ -71,12 +74,12 @@ def planes_of_rays(rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[
         return np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     start = tracer.on_film(tracer.positions_mm(*x_px.T))
     crossing = chief_crossings(tracer.table, tracer.stop_row, start)
-    way = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    place, way, _ = traced(unbounded(tracer.table), start, way)
+    direction = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    exit_point, direction, _ = traced(unbounded(tracer.table), start, direction)
     ahead_mm = np.array(planes_mm) + prescription.vertices_from_stop_mm[0]
-    origins = place[:, None] + ahead_mm[:, None] * way[:, None]
-    return np.concatenate([origins[:, :, None], np.repeat(axes_across(way)[:, None], 2, axis=1)], axis=2)
+    origins = exit_point[:, None] + ahead_mm[:, None] * direction[:, None]
+    return np.concatenate([origins[:, :, None], np.repeat(axes_across(direction)[:, None], 2, axis=1)], axis=2)
 
 
 def _integrated(
@@ -85,7 +88,8 @@ def _integrated(
     """Moments (n, COLUMNS) and errors (n, 2) [px]; levels of quadrature follow until the errors are small enough."""
     bundles = Bundles(x_px, microlens, planes, rig.square_px)
     px_per_mm = _inverse_jacobian(rig, bundles)
-    moments, error = np.full((len(x_px), COLUMNS), np.nan), np.full((len(x_px), 2), np.nan)
+    moments = np.full((len(x_px), COLUMNS), np.nan)
+    error = np.full((len(x_px), 2), np.nan)
     rows = np.arange(len(x_px))
     for level in range(1, LEVELS):
         integral = integrals(rig.tracer, bundles.only(rows), level)
@@ -98,14 +102,14 @@ def _integrated(
 
 
 def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
-    """Image positions by crossings with the near plane, (n, 2, 2) [px per mm], by chief rays or, without, by J."""
+    """Image positions by intersections with the near plane, (n, 2, 2) [px per mm], by chief rays or, without, by J."""
     jacobian = chief_jacobian(rig.tracer, bundles.microlens, bundles.x_px, bundles.planes[:, 0])
     lacking = np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2)))
     for axis in range(2 if len(lacking) else 0):
         step = _DIFFERENCE_PX * np.eye(2)[axis]
-        some = bundles.only(lacking)
+        dark = bundles.only(lacking)
         ends = (
-            integrals(rig.tracer, Bundles(some.x_px + sign * step, some.microlens, some.planes, rig.square_px), 0)
+            integrals(rig.tracer, Bundles(dark.x_px + sign * step, dark.microlens, dark.planes, rig.square_px), 0)
             for sign in (1, -1)
         )
         plus, minus = (integral.moments[:, :2] for integral in ends)
@@ -115,8 +119,7 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
 
 _APART_MM = 10.0
 """Distance of the second upright plane behind the point's own [mm]. Rays are straight, so any distance far above
-rounding would do.
-"""
+rounding would do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,36 +155,39 @@ def solve(
     def exposed(rows: np.ndarray, x_px: np.ndarray) -> Exposed:
         return of_points.exposed(guess.point[rows], x_px)
 
-    where = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.microlens(guess.cell), exposed, *where, rig.square_px)
+    starts = guess.x_px, rig.home_px(guess.cell)
+    search = Search(rig.tracer, rig.microlens(guess.cell), exposed, *starts, rig.square_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
 
+    # Solve roughly, then to the accuracy wherever a row may exist.
     search.approach(may_exist)
-    known = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
-    somewhere = np.where(known[:, None], search.x_px, 0.0)
-    near = known & may_exist(somewhere, np.arange(len(known)), NEARLY_PX)
+    is_solved = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
+    somewhere = np.where(is_solved[:, None], search.x_px, 0.0)
+    near = is_solved & may_exist(somewhere, np.arange(len(is_solved)), NEARLY_PX)
     search.refine(np.flatnonzero(near), accuracy_px)
     ended = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1)
-    strayed = ~search.reached & ~search.is_random & (search.left_over > 1)  # its last step led away from the point
+    strayed = ~search.reached & ~search.is_random & (search.contraction > 1)  # its last step led away from the point
     rows = np.flatnonzero(near & ended & ~strayed)
-    missed = ~known | near
+    missed = ~is_solved | near
     missed[rows] = False
-    # Steps lead from too little light into none where a rim hides the point: no row, however near the search came.
-    is_dark = missed & ~(rig.hit_fraction(search.lit) >= min_hit_fraction)
+    # Where a rim hides the point steps lead from too little light into none: no row, however near the search came.
+    is_dark = missed & ~(rig.hit_fraction(search.lit_moments) >= min_hit_fraction)
     unsolved = np.flatnonzero(missed & ~is_dark)
-    counts = {"candidates": len(known), "unsolved": len(unsolved)}
+    counts = {"candidates": len(is_solved), "unsolved": len(unsolved)}
+    # Keep the rows that exist, and count the rest by reason.
     x_px, moments = search.x_px[rows], search.moments[rows]
-    kept, dropped = which_exist(
-        rig, x_px, guess.cell[rows], lambda some: rig.hit_fraction(moments[some]) >= min_hit_fraction
+    kept, dropped = existing_indices(
+        rig, x_px, guess.cell[rows], lambda inside: rig.hit_fraction(moments[inside]) >= min_hit_fraction
     )
-    rows, counts = rows[kept], {**counts, **dropped}
+    rows = rows[kept]
+    counts |= dropped
     search.sharpen(rows, accuracy_px)
     counts["dropped_hit_fraction"] += int(is_dark.sum())
-    beside = known & ~near & ~rig.in_image(somewhere, NEARLY_PX)
+    beside = is_solved & ~near & ~rig.in_image(somewhere, NEARLY_PX)
     counts["dropped_outside_image"] += int(beside.sum())
-    counts["dropped_outside_cell"] += int(np.sum(known & ~near & ~beside))
+    counts["dropped_outside_cell"] += int(np.sum(is_solved & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
     found = _with_blur(rig, search, guess, rows, of_points, {**counts, "rows": len(rows), "rays": search.rays})
     return dataclasses.replace(found, unsolved=np.stack([guess.point[unsolved], guess.cell[unsolved]], axis=1))
@@ -217,10 +223,11 @@ def blur_of(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Blur (n, 2, 2) [px^2] and signed radius (n,) [px] from the rows' own bundles, and the number of traced rays.
 
-    `planes` are the tangent planes of each row's point at an instant, `jacobian` is the derivative of J [mm per px],
-    `moments` are those of the bundles; bundles that start on squares are traced again from the positions.
+    `planes` are the tangent planes of each row's point at an instant, `jacobian` is that of J [mm per px], `moments`
+    are those of the bundles; bundles that start on squares are traced again from the positions.
     """
-    microlens, rays = rig.microlens(cell), 0
+    microlens = rig.microlens(cell)
+    rays = 0
     if rig.square_px:
         of_points = integrals(rig.tracer, Bundles(x_px, microlens, PlanePair.twice(planes).both), BLUR_LEVEL)
         moments, rays = of_points.moments, of_points.rays
@@ -236,7 +243,7 @@ def blur_of(
 
 
 def _across(rig: Rig, points_mm: np.ndarray) -> np.ndarray:
-    """Planes across the ways from the lens to points, through these and behind them, (n, 2, 4, 3)."""
+    """Planes across the directions from the lens to points, through the points and behind them, (n, 2, 4, 3)."""
     front_mm = pupil_fan(rig.tracer.camera.prescription).z_mm[0]
     axes = axes_across(points_mm - (0.0, 0.0, front_mm))
     ends = points_mm[:, None] + np.array([0.0, _APART_MM])[:, None] * axes[:, None, 2]
@@ -247,22 +254,25 @@ def with_own_bundles(
     rig: Rig, rows: Correspondences, planes: Float64[np.ndarray, "p 4 3"], min_hit_fraction: float
 ) -> Correspondences:
     """Rows with light and blur of their own bundles, as `direct` has them; rows too dark are dropped and counted."""
-    solutions, on = rows.solutions, planes[rows.solutions.point]
+    solutions = rows.solutions
+    on = planes[rows.solutions.point]
     x_px = solutions.xy_px
     wanted = Bundles(x_px, rig.microlens(solutions.cell), PlanePair.twice(on).both, rig.square_px)
     bundles = integrals(rig.tracer, wanted, BLUR_LEVEL)
-    # That of the search is over steps of the grid, where J may bend.
-    held = Held(rig.tracer, wanted, BLUR_LEVEL, STEADY)
-    by_position = mean_hit(by_x(lambda x: held.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px))
+    # The Jacobian of the search is a difference over steps of the grid, where J may bend.
+    pupils = FrozenPupils(rig.tracer, wanted, BLUR_LEVEL, STEADY)
+    by_position = mean_hit(
+        by_x(lambda x: pupils.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px)
+    )
     is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
     jacobian = np.where(is_known, by_position, solutions.jacobian)
     blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, jacobian, bundles.moments)
     hit_fraction = rig.hit_fraction(bundles.moments)
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
-    whole = dataclasses.replace(solutions, jacobian=jacobian)
-    traced = dataclasses.replace(rows, solutions=whole, hit_fraction=hit_fraction, blur_px2=blurred, rho_px=rho)
+    with_jacobian = dataclasses.replace(solutions, jacobian=jacobian)
+    traced = dataclasses.replace(rows, solutions=with_jacobian, hit_fraction=hit_fraction, blur_px2=blurred, rho_px=rho)
     return traced.only(kept).recounted(
         dropped_hit_fraction=rows.counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept)),
-        rays_of_bundles=bundles.rays + held.rays + rays,
+        rays_of_bundles=bundles.rays + pupils.rays + rays,
         rows=int(kept.sum()),
     )

@@ -1,7 +1,9 @@
 """Method `direct`: J(x) = p is solved for every target point and microlens, with J integrated at x itself.
 
-There is no position image, no interpolation and no K. J is a function of a continuous x, so its derivatives follow
-from differences, and Newton's method with Broyden's updates converges in a few steps.
+There is no position image, no interpolation and no K. J is a function of a continuous x, and Newton's method solves the
+residual J(x) - p = 0: x <- x - B (J(x) - p), with B the inverse Jacobian. B starts from chief rays, is refined by
+finite differences, and follows each step s by Broyden's update ("good" Broyden, Math. Comp. 19, 1965, 577), B <- B + (s
+- B y) s^T B / (s^T B y) with y the change of the residual. It converges in a few steps.
 """
 
 from collections.abc import Callable
@@ -9,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pipeline.camera.held import Held, by_x
+from pipeline.camera.frozen_pupils import FrozenPupils, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, Integral, integrals, pooled
 from pipeline.camera.integrating.quadrature import STEADY
 from pipeline.camera.tracer import Tracer
@@ -24,38 +26,34 @@ from pipeline.truth.planes import Exposed
 _STEPS = 14
 """Most rough steps: if steps are not short by then, there is no solution nearby."""
 _RETREATS = 8
-"""Most halvings of a step that leads to a position without light: down to 1/256 of it."""
+"""Most halvings of a step into the dark: down to 1/256 of it."""
 _DIFFERENCES_PX = 0.25, 1 / 32, 1 / 256
-"""Half the steps of difference quotients [px]: large beside the errors of a rough integral, small beside a micro-image.
-The shorter ones are for rows where J bends between the ends, as it does where another rim begins to cut; the last one
-is too short for random rays.
-"""
+"""Half the steps of finite differences [px]: large beside the errors of a rough integral, small beside a micro-image.
+The shorter ones are for rows where J bends between the ends, as where another rim begins to cut; the last one is too
+short for random rays."""
 _BENT = 0.05
-"""Distance of J from the middle of its values at both ends, over half of their distance, from which J is bent [1]: a
-derivative errs by about as much as that."""
+"""Distance of J from the mean of its values at both ends, over half of their distance, beyond which J is bent [1]; the
+error of the Jacobian is about that."""
 BLUR_LEVEL = 1
 """Level of quadrature for light and blur, which need fewer digits than positions."""
 _ROUGH_PX = 0.05
-"""Length of a step below which finer integrals are used [px]: so near to a solution the derivative holds."""
+"""Step length below which finer integrals are used [px]: so near to a solution the Jacobian holds."""
 _SHARP_LEVEL = 2
-"""Level of the last derivatives where rays are random: of level 0 they err by 1 %, and twice as much the blur that is
-mapped by them."""
+"""Level of the last Jacobian if rays are random: at level 0 it errs by 1 %, and the blur mapped by it by 2 %."""
 _LOST = 0.25
-"""Part of a step left after it that asks for new derivatives [1]: those of a smooth J leave a tenth at most."""
+"""Contraction above which the Jacobian is computed anew [1]: for a smooth J it is a tenth at most."""
 _LONGEST_STEP_PX = 8.0
-"""Longest step [px]: a wrong derivative far from the solution must not throw a row out of its micro-image."""
+"""Longest step [px]: a wrong Jacobian far from the solution must not throw a row out of its micro-image."""
 _FINE_STEPS = 3
-"""Most steps of one level: with `_TRUST` a thousandth of the first step is left after three."""
+"""Most steps of one level: with `_TRUST` a thousandth of the first step remains after three."""
 _TRUST = 0.1
-"""Relative error of the derivative near a solution, mostly far less, and so the part of a step that may be left after
-it: at least this, and as much as the last step left, which tells more where J bends. With random rays the derivative is
-noisy; then the latter alone counts.
-"""
+"""Assumed relative error of the Jacobian near a solution; bounds the error after a Newton step. It is usually far
+smaller; where J bends the contraction of the last step is larger, and counts instead. With random rays the Jacobian is
+noisy, and only the measured contraction counts."""
 GRACE_PX, NEARLY_PX = 1.0, 0.25
-"""Distance outside a cell or the image [px] up to which a search goes on, because its next step may lead back: on the
-way, where it also counts for where the next step leads, and once steps are shorter than `_ROUGH_PX`, when five more
-would have to add up.
-"""
+"""Distances outside a cell or the image [px] within which a search continues, because its next step may lead back:
+during the rough steps, where the end of the next step counts, too, and once steps are shorter than `_ROUGH_PX`, when
+five more would have to add up."""
 ExposedAt = Callable[[np.ndarray, np.ndarray], Exposed]
 """Function of row indices (m,) and image positions (m, 2) that returns their planes."""
 Integrate = Callable[[np.ndarray], Integral]
@@ -63,46 +61,49 @@ Integrate = Callable[[np.ndarray], Integral]
 
 
 def over_exposure(exposed: Exposed, integrate: Integrate) -> Integral:
-    """The mean of the integrals on the planes of all stretches, by their weights."""
-    first, *others = (integrate(pair.both) for pair in exposed.stretches)
-    if not others:
+    """The weighted mean of the integrals over the stretches of an exposure."""
+    first, *later = (integrate(pair.both) for pair in exposed.stretches)
+    if not later:
         return first
     share = exposed.weights[:, :, None]
     moments, error_mm = share[:, 0] * first.moments, share[:, 0] * first.error_mm
-    is_random, rays = first.is_random, first.rays
-    for stretch, part in enumerate(others, 1):
-        moments, error_mm = moments + share[:, stretch] * part.moments, error_mm + share[:, stretch] * part.error_mm
-        is_random, rays = is_random | part.is_random, rays + part.rays
+    is_random = first.is_random
+    rays = first.rays
+    for stretch, part in enumerate(later, 1):
+        moments = moments + share[:, stretch] * part.moments
+        error_mm = error_mm + share[:, stretch] * part.error_mm
+        is_random = is_random | part.is_random
+        rays += part.rays
     return Integral(moments, error_mm, is_random, rays)
 
 
 def mean_hit(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
-    """Mean of the hits of bundles with both planes, (n, 2, ...) [mm]; of equal planes that with one, to the bit."""
+    """Mean of the hits of bundles on both planes, (n, 2, ...) [mm]; on equal planes that on one, to the bit."""
     return (moments[:, :2] + moments[:, 2:4]) / 2
 
 
 class Search:
     """Newton's method for many candidates at once; finished rows drop out.
 
-    `planes` are tangent planes whose origins are the target
-    points, over whose pairs J is the mean: J(x) = 0 is solved. `x_px` are first guesses, `home_px` positions that
-    certainly receive light, towards which a guess without light moves. `square_px` is the edge of the square around a
-    position on which its rays start; 0: they start at the position itself.
+    `planes` are tangent planes whose origins are the target points; J is the mean over their pairs, and J(x) = 0 is
+    solved. `x_px` are first guesses, `home_px` positions that surely receive light, towards which a dark guess
+    retreats. `square_px` is the edge of the square around a position from which its rays start; 0: they start at the
+    position.
 
     Attributes, a row for each candidate:
 
     `x_px`: solutions after `approach` and `refine`; NaN if there is none.
-    `jacobian`: derivative of J by image position [mm per px]; columns are x and y. Before `sharpen` it is that of the
-        way to the solution.
-    `bend`: distance of J from the middle of its values at both ends of that derivative, over half of theirs.
+    `jacobian`: derivative of J by image position [mm per px]; columns are x and y. Before `sharpen` that of the search.
+    `bend`: distance of J from the mean of its values at both ends of that finite difference, over half of their
+    distance.
     `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
     `moments`: of the bundle at the solution, on the tangent plane.
-    `lit`: moments of the last bundle with light on the way; NaN if none had any.
+    `lit_moments`: moments of the last bundle with light during the search; NaN if none had any.
     `is_random`, `reached`: whether random rays replaced the quadrature; whether the accuracy was reached.
-    `anchor_px`: positions whose random numbers serve neighbouring positions, too: with others J would jump.
-    `left_over`: part of a step that remained after it, as last measured; infinite before.
+    `anchor_px`: positions whose random numbers serve neighbouring positions, too: a change would make J jump.
+    `contraction`: remaining error over the length of a step, as last measured; infinite before.
     `random_mm`: standard error of J from the last random rays; NaN without random rays.
-    `rays`: number of rays traced so far, of all.
+    `rays`: number of rays traced, for all candidates.
     """
 
     def __init__(
@@ -116,36 +117,42 @@ class Search:
     ) -> None:
         self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
         self.planes = planes
-        self.x_px, self.anchor_px, self.rays = x_px.copy(), x_px.copy(), 0
+        self.x_px, self.anchor_px = x_px.copy(), x_px.copy()
+        self.rays = 0
         n = len(x_px)
         self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
         self.residual, self.sigma_px = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
         self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
         self.bend = np.full(n, np.inf)
-        self.moments, self.left_over = np.full((n, COLUMNS), np.nan), np.full(n, np.inf)
-        self.lit = self.moments.copy()
+        self.moments = np.full((n, COLUMNS), np.nan)
+        self.lit_moments = self.moments.copy()
+        self.contraction = np.full(n, np.inf)
         self.random_mm = np.full((n, 2), np.nan)
 
     def approach(self, may_exist: MayExist) -> None:
-        """Newton's method with rough integrals until steps are short; rows stop where they may no longer exist.
+        """Newton's method with rough integrals until steps are short; rows stop where they can no longer exist.
 
-        It starts with the derivative of chief rays, which move almost as bundles do and cost far less.
+        The first Jacobian is that of chief rays, which move almost as bundles do and cost far less.
         """
-        rows = self._leave_the_dark(may_exist)
+        # Start where there is light.
+        rows = self._retreat_to_light(may_exist)
+        # Take the Jacobian of chief rays, or one of J where these do not represent the bundle.
         planes = self.planes(rows, self.x_px[rows]).first.near
         self.jacobian[rows] = chief_jacobian(self.tracer, self.microlens[rows], self.x_px[rows], planes)
         self.inverse[rows] = inverse(self.jacobian[rows])
-        # Obstructions cut bundles in their middle: their means then move otherwise than chief rays.
+        # Behind obstructions, which cut bundles in their middle, means do not move as chief rays do.
         is_hollow = self.tracer.table[:, INNER_SQUARED].any()
         self._derive(rows[is_hollow | np.isnan(self.inverse[rows]).any(axis=(1, 2))])
-        self._step_nearer(rows, may_exist)
-        self._look_beyond(rows, may_exist)
+        # Iterate until steps are short, and again beyond solutions outside of the image.
+        self._damped_steps(rows, may_exist)
+        self._search_beyond(rows, may_exist)
+        # Take the Jacobian of J near the solutions.
         rows = np.flatnonzero(np.isfinite(self.residual[:, 0]) & np.isfinite(self.x_px).all(axis=1))
         rows = rows[may_exist(self.x_px[rows], rows, NEARLY_PX)]
         self._derive(rows)
 
-    def look(self) -> None:
-        """Compute derivatives of J at the first guesses without moving them."""
+    def linearise(self) -> None:
+        """Compute the Jacobian of J at the first guesses without moving them."""
         rows = np.arange(len(self.x_px))
         self.residual[rows] = self._j(rows, self.x_px)
         self._derive(rows[~np.isnan(self.residual[:, 0])])
@@ -154,77 +161,85 @@ class Search:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
         asked = rows
         for level in range(1, LEVELS):
-            self._settle(rows, level, accuracy_px)
+            # Converge at this level, and drop the rows that have reached the accuracy.
+            self._converge_at_level(rows, level, accuracy_px)
             self.reached[rows] = np.hypot(*self.sigma_px[rows].T) < accuracy_px
             rows = rows[~self.reached[rows] & np.isfinite(self.x_px[rows, 0])]
             if not len(rows):
                 break
-            # Between slivers of a bundle rough integrals jump, and what was derived from them leads nowhere.
-            lost = rows[(self.left_over[rows] > _LOST) & np.isfinite(self.left_over[rows]) & ~self.is_random[rows]]
+            # Renew the Jacobian of rows that do not converge: between slivers of a bundle rough integrals jump.
+            lost = rows[(self.contraction[rows] > _LOST) & np.isfinite(self.contraction[rows]) & ~self.is_random[rows]]
             self.residual[lost] = self._j(lost, self.x_px[lost], level)
             self._derive(lost, level)
+        # Renew the Jacobian of random rows with more rays.
         random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
         self._derive(random, _SHARP_LEVEL)
 
     def sharpen(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
-        """Find derivatives of J again, at the solutions, of rows whose blur's radius may err by more than the accuracy
-        because J bends between the ends of its difference, or since; random rows have theirs.
+        """Renew Jacobians at the solutions for rows whose blur's radius may err by more than the accuracy.
+
+        It errs where J bends between the ends of its difference, or since; random rows already have theirs.
         """
         radius_px = blur.radius_px(blur.in_image(blur.spread(self.moments[rows]), self.jacobian[rows]))
         rows = rows[~self.is_random[rows] & ~(radius_px * self.bend[rows] <= accuracy_px)]
         x_px, microlens = self.x_px[rows], self.microlens[rows]
 
         bundles = Bundles(x_px, microlens, self.planes(rows, x_px).first.both, self.square_px)
-        held = Held(self.tracer, bundles, BLUR_LEVEL, STEADY)
+        pupils = FrozenPupils(self.tracer, bundles, BLUR_LEVEL, STEADY)
 
         def moments(x_px: np.ndarray) -> np.ndarray:
             def integrate(on: np.ndarray) -> Integral:
-                return held.next_to(self.tracer, replace(bundles, x_px=x_px, planes=on))
+                return pupils.next_to(self.tracer, replace(bundles, x_px=x_px, planes=on))
 
             return over_exposure(self.planes(rows, x_px), integrate).moments
 
         jacobian = mean_hit(by_x(moments, x_px))
         is_known = np.isfinite(jacobian).all(axis=(1, 2))
         self.jacobian[rows[is_known]] = jacobian[is_known]
-        self.rays += held.rays
+        self.rays += pupils.rays
 
-    def _settle(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
-        """Steps of Newton's method with integrals of one level; rows with a sufficiently small step stay."""
-        step, coarser = np.zeros_like(self.x_px), self.random_mm.copy()
+    def _converge_at_level(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
+        """Newton steps with integrals of one level; rows with a sufficiently small remaining error stop."""
+        step = np.zeros_like(self.x_px)
+        coarser = self.random_mm.copy()
         self.anchor_px[rows] = self.x_px[rows]
         for turn in range(_FINE_STEPS):
+            # Integrate J, and update the inverse Jacobian by the last step.
             integral = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
             self.moments[rows] = integral.moments
             if turn:
-                self._measure(rows, step[rows], mean_hit(integral.moments))
+                self._measure_contraction(rows, step[rows], mean_hit(integral.moments))
                 self._update(rows, step[rows], mean_hit(integral.moments))
+            # Take the Newton step, and bound the error that remains.
             self.residual[rows] = mean_hit(integral.moments)
             step[rows] = -_times(self.inverse[rows], self.residual[rows])
             self.x_px[rows] += step[rows]
-            left = self._left(rows, step[rows])
-            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], integral), left)
+            remaining = self._remaining_px(rows, step[rows])
+            self.sigma_px[rows] = np.hypot(errors_px(self.inverse[rows], integral), remaining)
             # Each row ends independently, so that its result does not depend on the rows solved with it.
-            rows = rows[~(left.max(axis=1, initial=0.0) < accuracy_px / 4)]
+            rows = rows[~(remaining.max(axis=1, initial=0.0) < accuracy_px / 4)]
             if not len(rows):
                 break
 
-    def _measure(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Measure the part of a step that remains to be made according to J: the error of the derivative."""
+    def _measure_contraction(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
+        """Measure the contraction of a step, the relative error of the Jacobian, from J at its end."""
         with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
             share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
-        self.left_over[rows] = np.fmax(share, _TRUST)
+        self.contraction[rows] = np.fmax(share, _TRUST)
 
-    def _left(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Upper bound of the error that Newton's method leaves after a step, (n, 2) [px]."""
-        share = self.left_over[rows, None]
+    def _remaining_px(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Upper bound of the error of Newton's method after a step, (n, 2) [px]."""
+        share = self.contraction[rows, None]
         trusted = np.where(np.isfinite(share), share, _TRUST) * np.abs(step)
         return np.where(self.is_random[rows, None], share * np.hypot(*step.T)[:, None], trusted)
 
-    def _leave_the_dark(self, may_exist: MayExist) -> np.ndarray:
-        """Compute J at the first guesses, moving those without light towards `home_px`, or, where an obstruction hides
-        all of that way, to the place around from which J misses least; returns the rows with light.
+    def _retreat_to_light(self, may_exist: MayExist) -> np.ndarray:
+        """Compute J at the first guesses, retreating from dark ones towards `home_px`; returns the rows with light.
+
+        Where an obstruction hides everything in between, the best of many starts around the guess is taken.
         """
-        dark, guess = np.arange(len(self.x_px)), self.x_px.copy()
+        dark = np.arange(len(self.x_px))
+        guess = self.x_px.copy()
         for _ in range(_RETREATS):
             self.residual[dark] = self._j(dark, self.x_px[dark])
             dark = dark[np.isnan(self.residual[dark, 0])]
@@ -234,31 +249,33 @@ class Search:
         self._restart(dark, guess[dark] + AROUND_PX[:, None], may_exist)
         return np.flatnonzero(~np.isnan(self.residual[:, 0]))
 
-    def _look_beyond(self, rows: np.ndarray, may_exist: MayExist) -> None:
-        """Search again beyond solutions outside the image: where rims cut bundles J turns back, and passes the point a
-        second time farther from where all light arrives.
+    def _search_beyond(self, rows: np.ndarray, may_exist: MayExist) -> None:
+        """Search again beyond solutions outside the image.
+
+        Where rims cut bundles J turns back, and meets the point a second time farther from the middle of the light.
         """
         rows = rows[np.isfinite(self.x_px[rows]).all(axis=1)]
         rows = rows[~may_exist(self.x_px[rows], rows, NEARLY_PX)]
         away = self.x_px[rows] - self.home_px[rows]
         away /= np.maximum(np.hypot(*away.T), _ROUGH_PX)[:, None]
+        # Keep the first solutions of rows that find none in the image.
         before = [values.copy() for values in (self.x_px, self.residual, self.inverse)]
         again = rows[self._restart(rows, self.x_px[rows] + BEYOND_PX[:, None, None] * away, may_exist)]
         self._derive(again)
-        self._step_nearer(again, may_exist)
+        self._damped_steps(again, may_exist)
         vain = again[~may_exist(self.x_px[again], again, NEARLY_PX)]
         for values, old in zip((self.x_px, self.residual, self.inverse), before, strict=True):
             values[vain] = old[vain]
 
-    def _restart(self, rows: np.ndarray, places_px: np.ndarray, may_exist: MayExist) -> np.ndarray:
-        """Move rows to those of their places, (m, k, 2), from which J misses least; which have one with light."""
-        x_px, j = least_miss(self._j, rows, places_px, may_exist)
+    def _restart(self, rows: np.ndarray, starts_px: np.ndarray, may_exist: MayExist) -> np.ndarray:
+        """Move rows to the one of their starts, (m, k, 2), with the smallest residual; returns which have a lit one."""
+        x_px, j = least_miss(self._j, rows, starts_px, may_exist)
         lit = np.isfinite(j[:, 0])
         self.x_px[rows[lit]], self.residual[rows[lit]] = x_px[lit], j[lit]
         return lit
 
     def _derive(self, rows: np.ndarray, level: int = 0) -> None:
-        """Derivatives of J by central differences, shorter where J bends, one-sided at the edge of the light."""
+        """Jacobian of J by central differences, shorter where J bends, one-sided at the edge of the light."""
         self.anchor_px[rows] = self.x_px[rows]
         for half_px in _DIFFERENCES_PX:
             if not len(rows):
@@ -266,8 +283,9 @@ class Search:
             rows = rows[self._difference(rows, half_px, level)]
 
     def _difference(self, rows: np.ndarray, half_px: float, level: int) -> np.ndarray:
-        """Set derivatives by differences; whether J bends between their ends, so that shorter ones help, (k,) bool."""
-        here, is_random = self.residual[rows], self.is_random[rows]
+        """Set the Jacobian by finite differences; returns where J bends, so that shorter ones help, (k,) bool."""
+        middle = self.residual[rows]
+        is_random = self.is_random[rows]
         bend = np.zeros(len(rows))
         ends = half_px * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
@@ -278,52 +296,57 @@ class Search:
         for i, (plus, minus) in enumerate(values):
             change = (plus - minus) / 2
             with np.errstate(divide="ignore", invalid="ignore"):  # J that does not move
-                bend = np.maximum(bend, np.hypot(*((plus + minus) / 2 - here).T) / np.hypot(*change.T))
-            change = np.where(np.isnan(plus), here - minus, change)
-            change = np.where(np.isnan(minus), plus - here, change)
+                bend = np.maximum(bend, np.hypot(*((plus + minus) / 2 - middle).T) / np.hypot(*change.T))
+            change = np.where(np.isnan(plus), middle - minus, change)
+            change = np.where(np.isnan(minus), plus - middle, change)
             self.jacobian[rows, :, i] = change / half_px
         self.inverse[rows] = inverse(self.jacobian[rows])
         self.bend[rows] = bend
         return ~(bend < _BENT) & ~(is_noisy & (half_px < _DIFFERENCES_PX[0]))
 
-    def _step_nearer(self, rows: np.ndarray, may_exist: MayExist) -> None:
-        """Steps with Broyden's update, each halved while it leads to a position without light."""
-        # Rows do not wait for each other: while one retreats, others take their next steps, so that J is asked for many
-        # positions at a time.
-        step, retreats, steps = np.empty_like(self.x_px), np.zeros(len(self.x_px), int), np.zeros(len(self.x_px), int)
+    def _damped_steps(self, rows: np.ndarray, may_exist: MayExist) -> None:
+        """Newton steps with Broyden's update, each halved while it leads into the dark (damped Newton)."""
+        # Rows do not wait for each other: while one retreats the rest take their next steps, so that J is computed for
+        # many positions at once.
+        step = np.empty_like(self.x_px)
+        retreats, steps = np.zeros(len(self.x_px), int), np.zeros(len(self.x_px), int)
         step[rows] = self._next_step(rows)
         while len(rows):
+            # Compute J at the ends of the steps, and halve those that end in the dark.
             j = self._j(rows, self.x_px[rows] + step[rows])
             is_dark = np.isnan(j[:, 0]) & ~np.isnan(step[rows, 0]) & (retreats[rows] < _RETREATS)
             dark, done = rows[is_dark], rows[~is_dark]
             step[dark] /= 2
             retreats[dark] += 1
+            # Take the other steps, and update their inverse Jacobians.
             self.x_px[done] += step[done]
             self._update(done, step[done], j[~is_dark])
             steps[done] += 1
+            # Drop rows that have converged or taken too many steps, and find the next step of the rest.
             done = done[(np.hypot(*step[done].T) > _ROUGH_PX) & (steps[done] < _STEPS)]
-            step[done], retreats[done] = self._next_step(done), 0
-            # Where rims cut bundles chief rays misjudge how J moves: near by none is given up for what they foretell.
-            may = self._may_go_on(done, step, may_exist)
+            step[done] = self._next_step(done)
+            retreats[done] = 0
+            # Where rims cut bundles the Jacobian of chief rays misleads: renew it before a row nearby is given up.
+            may = self._may_continue(done, step, may_exist)
             misled = done[~may & (steps[done] == 1) & may_exist(self.x_px[done], done, _LONGEST_STEP_PX)]
             self._derive(misled)
             step[misled] = self._next_step(misled)
-            done = done[self._may_go_on(done, step, may_exist)]
+            done = done[self._may_continue(done, step, may_exist)]
             rows = np.sort(np.concatenate([dark, done]))
 
-    def _may_go_on(self, rows: np.ndarray, step: np.ndarray, may_exist: MayExist) -> np.ndarray:
-        """Whether a solution may exist where rows are, or where they step next, (k,) bool."""
+    def _may_continue(self, rows: np.ndarray, step: np.ndarray, may_exist: MayExist) -> np.ndarray:
+        """Whether a solution may exist at the rows' positions, or at the ends of their next steps, (k,) bool."""
         may = may_exist(self.x_px[rows], rows, GRACE_PX)
         return may | may_exist(self.x_px[rows] + step[rows], rows, GRACE_PX)
 
     def _next_step(self, rows: np.ndarray) -> np.ndarray:
-        """Steps of Newton's method from where rows are, (n, 2), shortened to what may be trusted; NaN without light."""
+        """Newton steps from the current positions, (n, 2), limited to the longest step; NaN without light."""
         step = -_times(self.inverse[rows], self.residual[rows])
         step *= np.minimum(1.0, _LONGEST_STEP_PX / np.maximum(np.hypot(*step.T), 1e-300))[:, None]
         return step
 
     def _update(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Broyden's update of the inverse derivative, in the form that changes it least."""
+        """Broyden's update of the inverse Jacobian, by the smallest change of the Jacobian that fits the step."""
         inverse = self.inverse[rows]
         moved = _times(inverse, j - self.residual[rows])
         scale = np.einsum("ni,ni->n", step, moved)
@@ -344,14 +367,14 @@ class Search:
         integral = over_exposure(self.planes(rows, x_px), integrate)
         self.rays += integral.rays
         has_light = ~np.isnan(integral.moments[:, 0])
-        self.lit[rows[has_light]] = integral.moments[has_light]
+        self.lit_moments[rows[has_light]] = integral.moments[has_light]
         self.is_random[rows] = integral.is_random
         self.random_mm[rows] = np.where(integral.is_random[:, None], integral.error_mm, np.nan)
         return integral
 
 
 def errors_px(inverse: Float64[np.ndarray, "n 2 2"], integral: Integral) -> np.ndarray:
-    """Error of J in the image [px]: random errors are added in squares, differences of two levels linearly."""
+    """Error of J in the image [px]: random errors add in squares, differences of two levels linearly."""
     in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, integral.error_mm**2))
     directly = np.einsum("nij,nj->ni", np.abs(inverse), integral.error_mm)
     return np.where(integral.is_random[:, None], in_squares, directly)

@@ -9,8 +9,7 @@ from pipeline.records.shapes import Float64, Int64
 
 MayExist = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
 """Function of image positions (m, 2), their row indices (m,) and a grace in px that returns whether a solution may
-exist at most so far from there, (m,) bool.
-"""
+exist within this distance, (m,) bool."""
 AROUND_PX = np.array(
     [
         2**i * np.array([math.cos(k * math.pi / 8), math.sin(k * math.pi / 8)])
@@ -18,9 +17,9 @@ AROUND_PX = np.array(
         for k in range(16)
     ]
 )
-"""Places around a guess where light is looked for (n, 2) [px]: on rings, as far as across a micro-image of 64 px."""
+"""Positions around a guess that are tried for light (n, 2) [px]: on rings, as far as across a micro-image of 64 px."""
 BEYOND_PX = np.array([0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0])
-"""Distances beyond a solution outside the image at which J may come back to the point [px]."""
+"""Distances beyond a solution outside the image at which J may return to the point [px]."""
 
 
 def least_miss(
@@ -29,8 +28,9 @@ def least_miss(
     starts_px: Float64[np.ndarray, "m n 2"],
     may_exist: MayExist,
 ) -> tuple[Float64[np.ndarray, "n 2"], Float64[np.ndarray, "n 2"]]:
-    """The one of m starts of each row from which J misses the point least, and by how much [mm]; NaN where none has
-    light. `j` is a function of rows and positions; only starts near which a solution may exist count.
+    """The start of each row, among m, with the smallest residual of J, and the residual [mm]; NaN where none has light.
+
+    `j` is a function of rows and positions; only starts near which a solution may exist count.
     """
     best_px, best_mm = np.full((2, len(rows), 2), np.nan)
     for x_px in starts_px if len(rows) else ():

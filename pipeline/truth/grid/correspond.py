@@ -2,7 +2,7 @@
 tangent plane, points with a common plane together.
 
 A point whose front faces away from the centre of the aperture stop has no row. Obstacles in front of a point, other
-targets or parts of the same one, are ignored here: see `truth.visibility`.
+targets or parts of its own, are ignored here: see `truth.visibility`.
 """
 
 import functools
@@ -40,9 +40,9 @@ def find(
 
     Returns at most one row per point and cell, and counts of candidates, rejections by reason, and ambiguous rows.
     """
-    seen = sightings(image, points_mm, grid, settings, slice(0, len(image)))
-    best, ambiguous = best_of(seen.solutions, seen.nearest_mm, settings)
-    return seen.solutions.only(best), {**seen.counts, "ambiguous": ambiguous}
+    raw = sightings(image, points_mm, grid, settings, slice(0, len(image)))
+    best, ambiguous = best_of(raw.solutions, raw.nearest_mm, settings)
+    return raw.solutions.only(best), {**raw.counts, "ambiguous": ambiguous}
 
 
 def sightings(
@@ -53,16 +53,17 @@ def sightings(
     searched: slice,
 ) -> RawSolutions:
     """All solutions that begin in the rows `searched` of a position image; the rows around them are only read."""
-    image, points = np.ascontiguousarray(image), np.ascontiguousarray(points_mm[:, :2])
-    search_for = _nearest if settings.search == "nearest" else _in_quads
+    image = np.ascontiguousarray(image)
+    points = np.ascontiguousarray(points_mm[:, :2])
+    search_for = _by_nearest if settings.search == "nearest" else _in_quads
     return search_for(image, points, grid, settings, searched)
 
 
 def best_of(
     solutions: Solutions, nearest_mm: Float64[np.ndarray, "n"], settings: TruthSettings
 ) -> tuple[np.ndarray, int]:
-    """Indices of the best solutions by point and cell, and the number of the others."""
-    # The quad whose nearest value is closest to the point wins its (point, cell); among equals the first.
+    """Indices of the best solutions by point and cell, and the number of the rest."""
+    # The quad whose nearest value is closest to the point wins its (point, cell); the first one of equals.
     order = np.lexsort((nearest_mm, solutions.cell, solutions.point))
     pair = np.stack([solutions.point[order], solutions.cell[order]], axis=1)
     first = np.ones(len(order), bool)
@@ -77,7 +78,8 @@ def _in_quads(
     quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
     quad_search.quads_that_hold(image, grid.cell, points, quads)
     quads = np.ascontiguousarray(quads[(quads[:, 2] >= searched.start) & (quads[:, 2] < searched.stop)])
-    status, solutions = np.empty(len(quads), np.int64), np.full((len(quads), quad_search.SOLUTION), np.nan)
+    status = np.empty(len(quads), np.int64)
+    solutions = np.full((len(quads), quad_search.SOLUTION), np.nan)
     limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
     quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
     counts = {
@@ -94,7 +96,8 @@ def _in_quads(
     gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
     derivatives = best[:, quad_search.BY_COLUMN : quad_search.ALONG]
     jacobian = derivatives.reshape(-1, 2, 2).transpose(0, 2, 1)
-    k, cell = grid.supersampling, grid.cell[quads[:, 2], quads[:, 1]]
+    k = grid.supersampling
+    cell = grid.cell[quads[:, 2], quads[:, 1]]
     x, y = image_from_fine(column, k), image_from_fine(row, k)
     return RawSolutions(Solutions(quads[:, 0], cell, x, y, jacobian * k, gain), best[:, quad_search.DISTANCE], counts)
 
@@ -106,11 +109,12 @@ def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) ->
     return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
 
 
-def _nearest(
+def _by_nearest(
     image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
 ) -> RawSolutions:
     shape = (len(points), len(grid.microlenses))
-    best, where = np.full(shape, settings.nearest_threshold_mm), np.full((*shape, 2), -1)
+    best = np.full(shape, settings.nearest_threshold_mm)
+    where = np.full((*shape, 2), -1)
     quad_search.nearest_positions(image[searched], grid.cell[searched], points, best, where)
     point, cell = np.nonzero(where[..., 0] >= 0)
     column, row = where[point, cell].T
@@ -140,11 +144,11 @@ def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) ->
 def with_light(
     solutions: Solutions, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
 ) -> Correspondences:
-    """All results of a search with light, blur and error; nothing is counted."""
+    """All results of a search with light, blur and error; counts are empty."""
     covariance, ray_near, ray_far = _bundle_at(solutions, grid)
-    share, _, way = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
+    share, _, direction = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
     uu, uv = blur.deviations(covariance, share)
-    blurred = blur.in_image(blur.on_plane(uu, way, vision_from_target), solutions.jacobian)
+    blurred = blur.in_image(blur.on_plane(uu, direction, vision_from_target), solutions.jacobian)
     return Correspondences(
         solutions,
         _sigma(solutions, grid, blurred, covariance),
@@ -168,9 +172,12 @@ def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.n
 def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell."""
     # NaN if none of the nine pixels around belongs to the cell.
-    (width, height), (left, above) = grid.size_px, grid.first_px
-    k, n = grid.supersampling, len(solutions.point)
-    covariance, near, far = np.full((n, 10), np.nan), np.full((n, 2), np.nan), np.full((n, 2), np.nan)
+    width, height = grid.size_px
+    left, above = grid.first_px
+    k = grid.supersampling
+    n = len(solutions.point)
+    covariance = np.full((n, 10), np.nan)
+    near, far = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
     closest = np.full(n, np.inf)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
@@ -193,16 +200,17 @@ def _sigma(solutions: Solutions, grid: RayGrid, blurred: np.ndarray, covariance:
     # error are those of the surrounding positions, not of the row's own bundle, because the row is computed from these
     # positions.
     row, column = _nearest_fine(solutions, grid)
-    widths, square_px2 = [], (grid.square_steps / grid.supersampling) ** 2 / 12
+    widths = []
+    square_px2 = (grid.square_steps / grid.supersampling) ** 2 / 12
     for image, block in ((grid.near, covariance[:, :2, :2]), (grid.far, covariance[:, 2:, 2:])):
         jacobian = _central_jacobian(image, column, row) * grid.supersampling
-        known = np.isfinite(jacobian).all(axis=(1, 2))
-        regular = known & (np.abs(np.linalg.det(np.where(known[:, None, None], jacobian, 0.0))) > 0)
+        finite = np.isfinite(jacobian).all(axis=(1, 2))
+        regular = finite & (np.abs(np.linalg.det(np.where(finite[:, None, None], jacobian, 0.0))) > 0)
         jacobian = np.where(regular[:, None, None], jacobian, np.nan)
         widths.append(np.diagonal(blur.in_image(block, jacobian), axis1=1, axis2=2))
     worst = np.fmax(*widths) + square_px2
-    here = np.diagonal(blurred, axis1=1, axis2=2) + square_px2
-    return _pooled_error(grid, row, column, solutions.cell) * np.sqrt(here / worst) * solutions.noise_gain[:, None]
+    own_blur = np.diagonal(blurred, axis1=1, axis2=2) + square_px2
+    return _pooled_error(grid, row, column, solutions.cell) * np.sqrt(own_blur / worst) * solutions.noise_gain[:, None]
 
 
 def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
@@ -220,13 +228,12 @@ def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.n
 
 
 REACH_PX, REACH_STEPS = 2, 4
-"""Range around a row in which the search reads values: two pixels, and four steps of the fine grid."""
+"""Reach of the search around a row: two pixels, and four steps of the fine grid."""
 _WINDOW_STEPS = 16
-"""Half the size of a window around a single point, in steps of the fine grid on the target. At f/2, 45 degrees and
-20 mm of defocus the mean ray misses the mean of the hits by one step.
-"""
+"""Half the size of a window around a single point, in steps of the fine grid on the target. At f/2, 45 degrees and 20
+mm of defocus the mean ray misses the mean of the hits by one step."""
 _PADDING_PX = 4
-"""Margin around a window [px]: values that the search may read around a row at K = 1, `REACH_STEPS`."""
+"""Margin around a window [px]: the reach of the search around a row at K = 1, `REACH_STEPS`."""
 _BAND_POSITIONS = 1 << 20
 """Fine positions in a band, about 400 bytes each. Results do not depend on it."""
 
@@ -252,12 +259,12 @@ def correspond_points(
     planes = [plane for plane in planes if plane.pose[:3, 2] @ plane.pose[:3, 3] < 0]
     if not planes:
         return None
-    seen: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
+    found: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
     for rows_px, rows in _bands(rays):
         band = _Band(rays.window(rows, slice(0, rays.size_px[0])), rows_px, settings)
         for plane in planes:
-            seen[plane.number].append(band.rows_of(plane, image_of))
-    parts = [_best(plane, seen[plane.number], rays, settings) for plane in planes]
+            found[plane.number].append(band.rows_of(plane, image_of))
+    parts = [_best(plane, found[plane.number], rays, settings) for plane in planes]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     joined = functools.reduce(Correspondences.joined, parts)
     return replace(joined, counts=counts).sorted_by(rays.axial)
@@ -282,14 +289,14 @@ def _bands(rays: AnyRayGrid) -> Iterator[tuple[slice, slice]]:
 
 @dataclass(frozen=True, slots=True)
 class _Band:
-    """A band of whole rows; `searched` holds the rows of the image to search."""
+    """A band of complete rows; `searched` holds the rows of the image to search."""
 
     rays: RayGrid
     searched: slice
     settings: TruthSettings
 
     def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
-        """Rows of the points of a plane, with positions in the whole image, and the distance of the nearest value."""
+        """Rows of the points of a plane, with positions in the full image, and the distance of the nearest value."""
         k, (width, height) = self.rays.supersampling, self.rays.size_px
         rows, columns = slice(0, height), slice(0, width)
         if len(plane.plane.members) == 1 and self.settings.method != "image":
@@ -298,18 +305,18 @@ class _Band:
         image = image_of(plane.number, plane.pose, window)
         low, high = ((row - window.first_px[1]) * k for row in (self.searched.start, self.searched.stop))
         searched = slice(max(low, 0), max(min(high, len(image)), 0))
-        seen = sightings(image, plane.plane.points_mm, window, self.settings, searched)
-        lit = with_light(seen.solutions, self.rays, plane.pose, self.settings)
-        return replace(lit, counts=seen.counts), seen.nearest_mm
+        raw = sightings(image, plane.plane.points_mm, window, self.settings, searched)
+        lit = with_light(raw.solutions, self.rays, plane.pose, self.settings)
+        return replace(lit, counts=raw.counts), raw.nearest_mm
 
 
 def _best(
-    plane: _Plane, seen: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
+    plane: _Plane, found: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
 ) -> Correspondences:
-    parts = [part for part, _ in seen]
+    parts = [part for part, _ in found]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     rows = functools.reduce(Correspondences.joined, parts)
-    best, ambiguous = best_of(rows.solutions, np.concatenate([nearest for _, nearest in seen]), settings)
+    best, ambiguous = best_of(rows.solutions, np.concatenate([nearest for _, nearest in found]), settings)
     chosen = replace(rows.only(best), counts={**counts, "ambiguous": ambiguous})
     kept = existing(chosen, rays, settings.min_hit_fraction)
     return replace(kept, solutions=replace(kept.solutions, point=plane.plane.members[kept.solutions.point]))
@@ -333,14 +340,14 @@ def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
 def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
     """Largest distance of the surface from its tangent plane within the blur of a row; 0 for flat targets.
 
-    Curvature / 2 times the square of two standard deviations, along the widest axis of the bundle on the plane.
+    Half the curvature times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """
     bend = points.curvature_per_mm[rows.solutions.point]
     if not bend.any():
         return 0.0
     jacobian = rows.solutions.jacobian
     on_plane = jacobian @ rows.blur_px2 @ jacobian.transpose(0, 2, 1)
-    known = ~np.isnan(on_plane).any(axis=(1, 2))
-    if not known.any():
+    finite = ~np.isnan(on_plane).any(axis=(1, 2))
+    if not finite.any():
         return 0.0
-    return float(np.max(2 * bend[known] * np.linalg.eigvalsh(on_plane[known])[:, -1]))
+    return float(np.max(2 * bend[finite] * np.linalg.eigvalsh(on_plane[finite])[:, -1]))

@@ -14,13 +14,14 @@ def on_target(
     far_mm: float,
     vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> np.ndarray:
-    """J by the paper's second method: the mean ray of every pixel meets the target's plane; target frame [mm].
+    """J by the paper's second method: the intersection of every pixel's mean ray with the target's plane; target frame
+    [mm].
 
     J = J_near + t (J_far - J_near), t = <q - J_near, n> / <J_far - J_near, n>; NaN where the bundle is empty. `near`
     and `far` are mean crossings with the planes z = near_mm and z = far_mm, vision frame [mm].
     """
-    share, start, way = crossing_share(near, far, near_mm, far_mm, vision_from_target)
-    hit = start + share[..., None] * way - vision_from_target[:3, 3]
+    share, start, direction = crossing_share(near, far, near_mm, far_mm, vision_from_target)
+    hit = start + share[..., None] * direction - vision_from_target[:3, 3]
     return hit @ vision_from_target[:3, :2]
 
 
@@ -31,13 +32,14 @@ def crossing_share(
     far_mm: float,
     vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share t (...) of the way between the planes at which mean rays meet the target; J_near; the way (..., 3)."""
+    """Parameter t (...) at which mean rays meet the target; J_near; J_far - J_near, (..., 3) each."""
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
-    way = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
-    origin, normal = vision_from_target[:3, 3], vision_from_target[:3, 2]
-    # No BLAS: it rounds the last rows of many otherwise than the same rows alone.
-    ahead, along = (np.einsum("...i,i->...", vectors, normal) for vectors in (origin - start, way))
-    return ahead / along, start, way
+    direction = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
+    origin = vision_from_target[:3, 3]
+    normal = vision_from_target[:3, 2]
+    # No BLAS: it rounds the last rows of an array otherwise than alone.
+    ahead, along = (np.einsum("...i,i->...", vectors, normal) for vectors in (origin - start, direction))
+    return ahead / along, start, direction
 
 
 def jacobian(image: Num[np.ndarray, "h w 2"], cell: Num[np.ndarray, "h w"]) -> np.ndarray:
@@ -51,22 +53,22 @@ def jacobian(image: Num[np.ndarray, "h w 2"], cell: Num[np.ndarray, "h w"]) -> n
 
 
 def _difference(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
-    """Mean of the forward and backward difference along axis 1, using only neighbours in the same cell with values."""
+    """Mean of the forward and backward difference along axis 1, from neighbours in the same cell with values."""
     step = np.diff(image, axis=1)
     step[cell[:, 1:] != cell[:, :-1]] = np.nan
-    known = ~np.isnan(step)
-    step = np.where(known, step, 0)
+    finite = ~np.isnan(step)
+    step = np.where(finite, step, 0)
     total, count = np.zeros(image.shape, image.dtype), np.zeros(image.shape, image.dtype)
     for side in (slice(None, -1), slice(1, None)):
         total[:, side] += step
-        count[:, side] += known
+        count[:, side] += finite
     return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0)
 
 
 def in_pixels(
     variance: Num[np.ndarray, "... 2"], derivative: Num[np.ndarray, "... 2 2"], supersampling: int
 ) -> np.ndarray:
-    """Standard errors in the image, (..., 2) [px], of a mean crossing, from their squares along x and y [mm^2]."""
+    """Standard errors in the image, (..., 2) [px], of a mean crossing, from its variances along x and y [mm^2]."""
     a, b, c, d = derivative[..., 0, 0], derivative[..., 0, 1], derivative[..., 1, 0], derivative[..., 1, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (a * d - b * c) ** 2

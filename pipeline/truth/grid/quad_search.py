@@ -1,5 +1,8 @@
 """Search for target points in a position image: the paper's quad search with its two filters, and its naive search.
 
+In a quad with the corner o and steps e_i, e_j the search solves p = J(o) + s (J(o + e_i) - J(o)) + t (J(o + e_j) -
+J(o)) for (s, t).
+
 Position images are in the target frame. `cell` labels the micro-image of every position; a conventional image is one
 cell. Positions are indices (column, row) of the fine grid.
 """
@@ -12,12 +15,11 @@ import numpy as np
 from pipeline.jit.decorators import inline, kernel
 
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
-"""Results for a quad that holds a point. WINDOW: some of the 16 values are missing or in another micro-image."""
+"""Results for a quad that contains a point. WINDOW: some of the 16 values are missing or in another micro-image."""
 
 COLUMN, ROW, DISTANCE, BY_COLUMN, BY_ROW, ALONG, DOWN, SOLUTION = 0, 1, 2, 3, 5, 7, 8, 9
 """Columns of solutions: position, distance of J there from the point, derivatives of J along column (2) and row (2),
-shares of a step along both; the last one is their number.
-"""
+fractions s and t of a step along both; the last one is their number."""
 
 
 class Filter(NamedTuple):
@@ -30,7 +32,7 @@ class Filter(NamedTuple):
 
 @inline
 def _holds(a, b, c, d, px, py):
-    """Whether a quadrilateral holds the point. Of two quads with a common edge only one does (even-odd rule)."""
+    """Whether a quadrilateral contains the point. Of two quads with a common edge only one does (even-odd rule)."""
     inside = False
     for p, q in ((a, b), (b, c), (c, d), (d, a)):
         if (p[1] > py) != (q[1] > py) and px < (q[0] - p[0]) * (py - p[1]) / (q[1] - p[1]) + p[0]:
@@ -92,7 +94,7 @@ def _angles_ok(image, oi, oj, ei, ej, limit):
 
 @kernel
 def quads_that_hold(image, cell, points, quads):
-    """List the quads that hold a point. Returns their number, and fills `quads` up to its length.
+    """List the quads that contain a point. Returns their number, and fills `quads` up to its length.
 
     `image` (h, w, 2) is in the target frame, `cell` (h, w) the label of the micro-image, negative: none. Of `quads` (n,
     3) are written: point, column and row of the quad's top-left position.
@@ -126,7 +128,8 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
     """
     for n in range(quads.shape[0]):
         p, i, j = quads[n]
-        x, y = points[p, 0], points[p, 1]
+        x = points[p, 0]
+        y = points[p, 1]
         oi, oj, best = i, j, np.inf
         for dj in range(2):
             for di in range(2):
@@ -159,9 +162,9 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
 
 @kernel
 def nearest_positions(image, cell, points, best, where):
-    """The paper's naive search: per point and cell the position whose value lies nearest.
+    """The paper's naive search: per point and cell the position with the nearest value.
 
-    Updates `best` (p, c), the distance of the nearest value so far [mm], and `where` (p, c, 2), its column and row.
+    Updates `best` (p, c), the distance of the nearest value [mm], and `where` (p, c, 2), its column and row.
     """
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):

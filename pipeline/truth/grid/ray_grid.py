@@ -1,4 +1,4 @@
-"""Position images of a camera, in the form that the ground truth reads."""
+"""Position images of a camera in the form that the ground truth reads."""
 
 from dataclasses import dataclass, replace
 
@@ -25,7 +25,7 @@ class AnyRayGrid:
         raise NotImplementedError
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
-        """The bundles of some rows and columns of the image; all micro-images are kept."""
+        """The bundles of some rows and columns of the image, with all micro-images."""
         raise NotImplementedError
 
     @property
@@ -66,11 +66,11 @@ class RayGrid(AnyRayGrid):
     cell: Int64[np.ndarray, "rows columns"]
     microlenses: Int64[np.ndarray, "m 3"]  # k, l and type; one row of zeros for a conventional camera
     centres_px: Float64[np.ndarray, "m 2"] | None  # micro-image centres; None for a conventional camera
-    # edge of the square around a position on which its rays start, in steps of the grid: 1, or 0 for the position
+    # edge of the square around a position from which its rays start, in steps of the grid: 1, or 0 for the position
     # itself
     square_steps: float = 0.0
-    # column and row of the first pixel in the whole image. Image positions are always those of the whole image: in
-    # another window a sum of the same numbers would be rounded elsewhere
+    # column and row of the first pixel in the full image. Image positions are always those of the full image: relative
+    # to a window they would be rounded otherwise
     first_px: tuple[int, int] = (0, 0)
 
     def window(self, rows: slice, columns: slice) -> "RayGrid":
@@ -86,8 +86,10 @@ class RayGrid(AnyRayGrid):
 
     @property
     def fine(self) -> tuple[slice, slice]:
-        """Rows and columns of the whole fine grid that these are."""
-        k, (width, height), (left, above) = self.supersampling, self.size_px, self.first_px
+        """Rows and columns of the full fine grid that this grid covers."""
+        k = self.supersampling
+        width, height = self.size_px
+        left, above = self.first_px
         return slice(above * k, (above + height) * k), slice(left * k, (left + width) * k)
 
     @property

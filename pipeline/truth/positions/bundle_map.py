@@ -1,4 +1,4 @@
-"""Bundle maps: hits and weights of the nodes of a bundle as functions of the image position, by interpolation."""
+"""Bundle maps: hits and weights of a bundle's nodes as functions of the image position, by interpolation."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -11,7 +11,7 @@ from pipeline.records.shapes import Float64
 
 
 class TracedGrid(NamedTuple):
-    """Positions that are traced for a bundle map: middle of the grid, half its size, positions along each axis."""
+    """Traced positions of a bundle map: middle of the grid, half its size, positions along each axis."""
 
     x_px: np.ndarray
     half_px: np.ndarray
@@ -42,27 +42,27 @@ class BundleMap:
         return np.einsum("k,karc->arc", self.basis(x_px), self.fields)
 
     def coarser(self) -> "BundleMap":
-        """The same through every second grid line: what it differs by tells how good the polynomials are."""
+        """The map through every second grid line, whose difference estimates the error of interpolation."""
         kept = np.arange(len(self.fields)).reshape(len(self.offsets), -1)[::2, ::2].ravel()
         return replace(self, offsets=self.offsets[::2], fields=self.fields[kept])
 
     def _lagrange(self, t: np.ndarray) -> np.ndarray:
         result = np.ones((*t.shape, len(self.offsets)))
-        for i, here in enumerate(self.offsets):
+        for i, node in enumerate(self.offsets):
             for other in np.delete(self.offsets, i):
-                result[..., i] *= (t - other) / (here - other)
+                result[..., i] *= (t - other) / (node - other)
         return result
 
 
 def bundle_map(
     tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: TracedGrid, nodes: Polar
 ) -> BundleMap | None:
-    """Trace the bundles of a grid of positions; None if one of them is cut, dark or not star-shaped."""
+    """Trace the bundles of a grid of positions; None if one of them is dark or not star-shaped."""
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
-    places = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
-    positions = tracer.positions_mm(*(grid.x_px + grid.half_px * places).T)
-    hits = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(places) // 2))
-    if not hits.whole.all():
+    nodes_of_grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
+    positions = tracer.positions_mm(*(grid.x_px + grid.half_px * nodes_of_grid).T)
+    hits = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(nodes_of_grid) // 2))
+    if not hits.is_star_shaped.all():
         return None
     fields = np.concatenate([hits.on_plane, hits.density_sr[..., None]], axis=-1)
     return BundleMap(grid.x_px, grid.half_px, offsets, fields, hits.angle)
@@ -71,7 +71,7 @@ def bundle_map(
 def bundle_maps(
     tracer: Tracer, microlens: int, plane: Float64[np.ndarray, "4 3"], grid: TracedGrid, nodes: Polar
 ) -> list[tuple[float, BundleMap]] | None:
-    """The bundles of a grid in each wavelength of a camera's light, with its share; None where one map is None."""
+    """The maps of a grid in each wavelength of a camera's light, with its share; None if one of them is None."""
     maps = []
     for light in tracer.lights:
         around = bundle_map(light.tracer, microlens, plane, grid, nodes)

@@ -1,14 +1,13 @@
-"""The centroid of the noise-free image of a disc, which detectors of dots look for.
+"""The centroid of the noise-free image of a disc, the quantity that dot detectors estimate.
 
 A disc lies about the target point in its tangent plane. With h(x, q) the hit of node q of the bundle at x, and D its
-weight, the image of the disc is E(x) = integral of D over the nodes whose hit lies on the disc. For each node the
-image positions that see the disc are found by turning h round, so the integrals of E and of x E become smooth ones over
-the disc y:
+weight, the image of the disc is E(x) = integral of D over the nodes whose hit lies on the disc. For each node h is
+inverted for the image positions that see the disc, so the integrals of E and of x E become smooth ones over the disc y:
 
     integral over q and y of D(x, q) / |det dh/dx| (and of x times that), x being where h(x, q) = y.
 
-Sharp edges of image and disc are gone, and few points suffice. A dark disc on white has the same centroid of what is
-missing, as far as the white around it does not count.
+The sharp edges of image and disc are gone, and few points suffice. A dark disc on white has the same centroid of
+missing light, as long as the white around it is uniform.
 """
 
 from dataclasses import dataclass
@@ -23,34 +22,28 @@ from pipeline.records.shapes import Float64
 from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map
 
 _ROUGH, _FINE = (4, 6, 48, 3, 12), (5, 8, 96, 4, 16)
-"""Numbers for each of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and
-directions of the disc. Rings matter most: of an f/2 lens four err by 4e-3 px, all discs the same way, eight by 6e-5.
-"""
+"""Orders of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and directions of
+the disc. Rings matter most: for an f/2 lens four err by 4e-3 px, equally for all discs, eight by 6e-5."""
 _LOOK_PX = 0.5
-"""Half the size of the first traced box [px]: a pixel is enough for derivatives that give the approximate size of
-the disc.
-"""
+"""Half the size of the first traced box [px]: derivatives over a pixel give the approximate size of the disc."""
 _SLACK, _LARGER = 1.05, 1.1
-"""Size of a traced box over that of the estimated disc, and of the largest disc for which the box is still used [1]:
-polynomials hold a little beyond their nodes.
-"""
+"""Size of a traced box over that of the estimated disc, and of the largest disc for which the box is accepted [1]:
+polynomials hold slightly beyond their nodes."""
 _BOXES = 4
 """Most boxes; each is estimated from the one before."""
 _STEPS = 12
-"""Most steps to the position from which a node sees a point: the derivative is kept, so each reduces the error by
-the same large factor.
-"""
+"""Most steps to the position from which a node sees a point: the Jacobian is kept, so each reduces the error by a
+constant large factor."""
 _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
 _DIFFERENCE = 1e-4
-"""Half the step of difference quotients over half the size of the box [1]: for polynomials of low degree the error
-is about its square.
-"""
+"""Half the step of finite differences over half the size of the box [1]: for polynomials of low degree the error is
+about its square."""
 
 
 @dataclass(frozen=True, slots=True)
 class Centroid:
-    """Centroid of the image of a disc, and the difference of two integrals; NaN unless the whole disc is seen."""
+    """Centroid of the image of a disc, and the difference of two integrals; NaN unless the complete disc is visible."""
 
     x_px: Float64[np.ndarray, "2"]
     error_px: float
@@ -79,29 +72,32 @@ def _mean(parts: list[tuple[float, np.ndarray]]) -> np.ndarray:
 def _disc_images(
     rig: Rig, tracer: Tracer, cell: int, x_px: np.ndarray, plane: np.ndarray, radius_mm: float
 ) -> list[tuple[float, np.ndarray]] | None:
-    """Light and centroid of the disc's image in one wavelength, roughly and finely; None where it is not whole."""
-    microlens, images = int(rig.microlens(np.array([cell]))[0]), []
+    """Light and centroid of the disc's image in one wavelength, rough and fine; None if it is incomplete."""
+    microlens = int(rig.microlens(np.array([cell]))[0])
+    images = []
     grid = TracedGrid(x_px, np.full(2, _LOOK_PX), 3)
     look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
     if look is None:
         return None
-    seen = _linear(look, radius_mm * unit_vectors(even_angles(16)))
+    positions = _linear(look, radius_mm * unit_vectors(even_angles(16)))
     for order, rings, directions, *disc in (_ROUGH, _FINE):
+        # Trace a box that holds the image of the disc by every node.
         shares, weight = unit_nodes(rings)
         for _ in range(_BOXES):
-            low, high = seen.min(axis=(0, 1, 2)), seen.max(axis=(0, 1, 2))
+            low, high = positions.min(axis=(0, 1, 2)), positions.max(axis=(0, 1, 2))
             half = (high - low) / 2
             grid = TracedGrid((low + high) / 2, _SLACK * half, order)
             around = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
             if around is None:
                 return None
-            seen = _seen(around, radius_mm * unit_vectors(even_angles(64)))[0]
+            positions = _positions_seeing(around, radius_mm * unit_vectors(even_angles(64)))[0]
             # The box was an estimate; polynomials hold only a little beyond it.
-            if (np.abs(seen - around.x_px) <= _LARGER * half).all():
+            if (np.abs(positions - around.x_px) <= _LARGER * half).all():
                 break
         else:
             return None
-        rim = seen.reshape(-1, 2)
+        # Integrate over bundle and disc, if the image is complete.
+        rim = positions.reshape(-1, 2)
         if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
             return None
         images.append(_light_and_centroid(around, shares * weight, radius_mm, disc))
@@ -113,21 +109,21 @@ def _light_and_centroid(
 ) -> tuple[float, np.ndarray]:
     shares, weight = unit_nodes(disc[0])
     points = radius_mm * (shares[:, None, None] * unit_vectors(even_angles(disc[1]))).reshape(-1, 2)
-    x, density, area = _seen(around, points)
+    x, density, area = _positions_seeing(around, points)
     light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
-    # Every direction of the bundle and of the disc stands for the same angle.
+    # Directions of the bundle, and of the disc, represent equal angles.
     total = light.sum() / (len(light) * disc[1])
     return float(total), np.einsum("arm,armi->i", light, x) / light.sum()
 
 
 def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
-    """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised in the map's middle."""
+    """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised about the middle."""
     middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
     apart = points_mm - _fields(look, middle)[..., :2]
     return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
 
 
-def _seen(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _positions_seeing(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane; density and px^2 per mm^2 there."""
     middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
     inverse = np.linalg.inv(_jacobian(around, middle))
@@ -147,7 +143,7 @@ def _fields(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
 
 
 def _jacobian(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
-    """Derivative of the coordinates by the position, (a, r, m, 2, 2) [mm per px]."""
+    """Jacobian of the coordinates by position, (a, r, m, 2, 2) [mm per px]."""
     columns = []
     for axis in np.eye(2) * _DIFFERENCE * around.half_px:
         change = _fields(around, x_px + axis) - _fields(around, x_px - axis)

@@ -1,9 +1,9 @@
-"""Optional columns of a table of correspondences: other image positions of the same points, see CONVENTIONS.md.
+"""Optional columns of a table of correspondences: other image positions of its points, see CONVENTIONS.md.
 
-x_px, y_px are those of J. Detectors of corners and dots look for other positions, and a lens with coma separates all
-of them. A saddle needs an X-corner, where two straight edges cross. The drawing decides whether a point is one, not its
-kind: a corner of an AprilGrid is an X-corner, because a tag and a small square meet there; a corner of a tag on white
-paper is not.
+x_px, y_px are those of J. Detectors of corners and dots look for other positions, and a lens with coma separates them.
+A saddle needs an X-corner, where two straight edges cross. The drawing decides whether a point is one, not its kind: a
+corner of an AprilGrid is an X-corner, because a tag and a small square meet there; a corner of a tag on white paper is
+not.
 """
 
 from dataclasses import dataclass
@@ -28,15 +28,14 @@ _CIRCLE_MM = 1e-3
 _DIRECTIONS = 64
 """Directions in which colours are compared, less than 6 degrees apart: a corner of four sectors has four changes."""
 _BISECTIONS = 40
-"""Halvings of the 6 degrees in which an edge lies: to 1e-13 rad, below the rounding of points on the circle."""
+"""Bisections of the 6 degrees that contain an edge: to 1e-13 rad, below the rounding of points on the circle."""
 _FIRST = 0.4321
-"""First direction, as a part of the angle between two [1]: no pattern has an edge there, seen on one side only."""
+"""First direction, as a fraction of the angle between two [1]: no pattern has an edge there."""
 _SETTLED_PX, _TURNS = 1e-7, 8
-"""Distance of a moving point's position from where its time is that of [px], a ten-thousandth of the default claim, and
-the most times that it is looked for: each has about twice as many digits as the one before.
-"""
+"""Error of a moving point's position at which the iteration for its time has converged [px], a ten-thousandth of the
+default claim, and the most iterations: each about doubles the digits."""
 _STRAIGHT_RAD = 1e-6
-"""Angle by which an edge may bend at its corner [rad]: more than the rounding of such points on sheets of metres."""
+"""Largest bend of an edge at its corner [rad]: more than the rounding of such points on sheets of metres."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +49,7 @@ class Corners:
 
 
 def corners_of(target: AnyTarget) -> Corners:
-    """Edges and colours around the points of a target; for a mesh nothing is known about them."""
+    """Edges and colours around the points of a target; NaN for a mesh."""
     if isinstance(target, MeshTarget):
         n = len(target.points_mm)
         return Corners(np.full((n, 2, 3), np.nan), np.full(n, np.nan))
@@ -113,7 +112,7 @@ SETS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetNote:
-    """Rows of a set with a position and, by reason, without; largest estimated error, None if unknown."""
+    """Numbers of rows of a set with a position and, by reason, without; largest estimated error, None if unknown."""
 
     name: str
     rows: int
@@ -152,18 +151,21 @@ def column_names(name: str) -> tuple[str, str]:
 def column_set(
     name: str, rig: Rig, target: AnyTarget, pose: Float64[np.ndarray, "4 4"], planes: Planes, rows: Solutions
 ) -> ColumnSet:
-    """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points; of
-    one that moves, each is that of the still target in the middle of the exposure at this position.
+    """The positions of one set for the rows of a target at `pose` vision_from_target, with `planes` at its points.
+
+    For a moving target each position is that of the still target in the middle of the exposure at this position.
     """
-    axis, make = planes.shutter.axis, _MAKERS[name]
-    x, before, miss_before = rows.xy_px.copy(), rows.xy_px, np.zeros(len(rows.point))
+    axis = planes.shutter.axis
+    make = _MAKERS[name]
+    x, before = rows.xy_px.copy(), rows.xy_px
+    miss_before = np.zeros(len(rows.point))
     for _ in range(_TURNS):
         poses = pose if planes.motion is None else planes.motion.at(planes.middle_s(x))
         result = make(rig, target, poses, planes.middle(rows.point, x), rows)
         miss = result.x_px[:, axis] - x[:, axis]
         if not (planes.moves and planes.shutter.line_by_px_s and (np.abs(miss) > _SETTLED_PX).any()):
             break
-        # Only the place along the scan counts for the time: the secant's step, and first that of the position itself.
+        # The time depends on the coordinate along the scan only: a secant step, and first a fixed-point step.
         with np.errstate(invalid="ignore", divide="ignore"):
             slope = (miss - miss_before) / (x - before)[:, axis]
             step = np.where(np.isfinite(slope), -miss / slope, np.nan_to_num(miss))
@@ -177,12 +179,15 @@ def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, ro
 
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    around, microlens, start = corners_of(target), rig.microlens(rows.cell), rows.xy_px
+    around = corners_of(target)
+    microlens = rig.microlens(rows.cell)
+    start = rows.xy_px
     edges = around.edges[rows.point] @ np.swapaxes(pose[..., :3, :3], -1, -2)
     is_corner = np.isfinite(edges).all(axis=(1, 2))
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(is_corner):
-        plane, ratio = corner_plane(planes[i], edges[i]), float(around.mean_over_contrast[rows.point[i]])
+        plane = corner_plane(planes[i], edges[i])
+        ratio = float(around.mean_over_contrast[rows.point[i]])
         solution = saddle(rig.tracer, int(microlens[i]), start[i], plane, ratio)
         x[i], error[i] = solution.x_px, solution.error_px
     lost = is_corner & np.isnan(x[:, 0])
@@ -190,7 +195,8 @@ def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, 
 
 
 def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    radius, start = target.points().radius_mm[rows.point], rows.xy_px
+    radius = target.points().radius_mm[rows.point]
+    start = rows.xy_px
     x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
     for i in np.flatnonzero(~np.isnan(radius)):
         solution = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
@@ -205,5 +211,5 @@ _MAKERS = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
     is_known = ~np.isnan(x_px[:, 0])
     largest = float(error_px[is_known].max()) if error_px is not None and is_known.any() else None
-    empty = {why: int(here.sum()) for why, here in reasons.items()}
+    empty = {why: int(is_empty.sum()) for why, is_empty in reasons.items()}
     return ColumnSet(x_px, SetNote(name=name, rows=int(is_known.sum()), empty=empty, error_px=largest))

@@ -5,10 +5,10 @@ of a pixel at a continuous position x, is a smooth function E(x); the saddle is 
 Gauss's theorem the derivative of E is the light on one side of the pixel minus that on the opposite side, so a gradient
 needs the image along four lines only. Weight, stop and own microlens are those of J.
 
-The corner's coordinates are those along its two edges: white where they have the same sign. The bundle is a disc of
-triangles on which coordinates are linear, so the two edges cut them exactly; what remains is the error of the linear
-interpolation, which falls with the square of the triangles' size: corners of the bundle are corners of triangles, too.
-How these move with x is interpolated by polynomials.
+The corner's coordinates u and v run along its two edges: white where they have equal signs. The bundle is a disc of
+triangles on which coordinates are linear, so the two edges cut them exactly; the remaining error of linear
+interpolation falls with the square of the triangles' size, because corners of the bundle are corners of triangles, too.
+Their motion with x is interpolated by polynomials.
 """
 
 import itertools
@@ -27,7 +27,7 @@ from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_ma
 
 @kernel
 def blend(fields, basis, nodes):
-    """Nodes (a, r, 3), written: the sum of fields (k, a, r, 3) with weights (k,)."""
+    """Write nodes (a, r, 3): the sum of fields (k, a, r, 3) with weights (k,)."""
     for i in range(nodes.shape[0]):
         for j in range(nodes.shape[1]):
             for c in range(nodes.shape[2]):
@@ -38,12 +38,13 @@ def blend(fields, basis, nodes):
 
 @kernel
 def corner_light(nodes, angle, ratio):
-    """Integral of weight times (ratio + 1) on white and (ratio - 1) on black, with `ratio` as of `saddle`.
+    """Integral of weight times (ratio + 1) on white and (ratio - 1) on black, with `ratio` as in `saddle`.
 
-    `nodes` (a, r, 3): per direction and share 0, 1 / (r - 1), ..., 1 of the radius, both coordinates and the density on
-    the unit disc. `angle` (a,): from each direction to the next.
+    `nodes` (a, r, 3): per direction and fraction 0, 1 / (r - 1), ..., 1 of the radius, both coordinates and the density
+    on the unit disc. `angle` (a,): from each direction to the next.
     """
-    directions, rings = nodes.shape[0], nodes.shape[1] - 1
+    directions = nodes.shape[0]
+    rings = nodes.shape[1] - 1
     total = 0.0
     for i in range(directions):
         j = i + 1 if i + 1 < directions else 0
@@ -93,15 +94,14 @@ def mean_sign(p, q, r):
 
 
 _DIFFERENCE_PX = 0.05
-"""Half the step of difference quotients for the Hessian [px]: the image of a corner, integrated over a pixel, bends
-little over it.
-"""
+"""Half the step of finite differences for the Hessian [px]: the image of a corner, integrated over a pixel, bends
+little over it."""
 _SIDES = np.array([[[1, -1], [1, 1]], [[-1, -1], [-1, 1]], [[-1, 1], [1, 1]], [[-1, -1], [1, -1]]]) / 2
 """Ends of the right, left, lower and upper side of a pixel."""
 
 
 class CornerImage:
-    """The image of a corner as seen by every `step`-th node of a map; `ratio` is (white + black) / (white - black).
+    """The image of a corner by every `step`-th node of a map; `ratio` is (white + black) / (white - black).
 
     `along`: Gauss-Legendre nodes along each part of a pixel's side.
     """
@@ -123,8 +123,8 @@ class CornerImage:
 
     def _along(self, ends: np.ndarray) -> float:
         """Integral of the point image along a line of length 1 px."""
-        # If the bundle is sharp, the light changes within a short piece of the line: so Gauss-Legendre nodes lie
-        # between the positions where the first and the last ray cross an edge.
+        # If the bundle is sharp, the light changes within a short piece of the line: so the line is split at the
+        # positions where the first and the last ray cross an edge.
         first, last = (self._extremes(end) for end in ends)
         with np.errstate(divide="ignore", invalid="ignore"):
             cut = first / (first - last)
@@ -145,13 +145,13 @@ class CornerImage:
 def gradient_of(
     around: Sequence[tuple[float, BundleMap]], ratio: float, step: int, along: int
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Gradient of the sum of a corner's images in the wavelengths of a camera's light, each with its share."""
+    """Gradient of the weighted sum of a corner's images in the wavelengths of a camera's light."""
     images = [(share, CornerImage(bundle, ratio, step, along)) for share, bundle in around]
     return lambda x_px: np.sum([share * image.gradient(x_px) for share, image in images], axis=0)
 
 
 def hessian_of(gradient: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
-    """Symmetric derivative of a gradient, (2, 2), by differences over a small part of a pixel."""
+    """Symmetrised Jacobian of a gradient, (2, 2), by differences over a small part of a pixel."""
     steps = _DIFFERENCE_PX * np.eye(2)
     rows = np.array([gradient(x_px + step) - gradient(x_px - step) for step in steps])
     return (rows + rows.T) / (4 * _DIFFERENCE_PX)
@@ -162,45 +162,43 @@ _LEVELS = ((16, 64), (32, 128), (64, 256), (128, 512))
 _GOOD_PX = 5e-4
 """Error below which no finer level is needed [px]: half of the default claim."""
 _ORDERS = (3, 5, 9)
-"""Numbers of positions along an axis for the polynomials, each with those before: bundles change nearly linearly over a
-pixel, but for those that another rim begins to cut there.
-"""
+"""Numbers of positions along an axis for the polynomials, each including those before: bundles change nearly linearly
+over a pixel, unless another rim begins to cut them there."""
 _ALONG = (4, 8, 16, 32)
 """Numbers of nodes along each part of a pixel's side. Where an edge passes a corner of the bundle, or a caustic within
-it, light bends: the error falls with the third power of the number.
-"""
+it, light has a kink: the error falls with the third power of the number."""
 _CENTRED_PX = 0.25
-"""Distance of the saddle from the middle of the traced positions up to which it is accepted [px], because the
-polynomials hold there.
-"""
+"""Largest distance of an accepted saddle from the middle of the traced positions [px], within which the polynomials
+hold."""
 _HALF_PX = 0.5 + _CENTRED_PX
-"""Half the span of the traced positions [px]: it reaches the sides of a pixel that lies so far off the middle."""
+"""Half the span of the traced positions [px]: it includes the sides of a pixel this far off the middle."""
 _ROUNDS = 8
-"""Most times that positions are traced anew around the saddle; a solution that moves on after that is given up."""
+"""Most times that positions are traced anew around the saddle before the search is given up."""
 _STEPS = 20
 """Most steps of Newton's method between two traces."""
 _LONGEST_PX = 1.0
-"""Distance after which positions are traced anew [px], and half the longest step: the map spans a pixel and a half."""
+"""Distance after which positions are traced anew [px], and twice the longest step: the map spans a pixel and a half."""
 _DONE_PX = 1e-7
 """Step that ends the search [px]: a ten-thousandth of the default claim."""
 _START_NODES = Polar(np.arange(17) / 16, 64)
 """Nodes of the bundle of a first guess: the coarsest level suffices."""
 _LOOK_PX = 0.25
-"""Half the step of difference quotients of a first guess [px]: within the traced positions."""
+"""Half the step of finite differences of a first guess [px]: within the traced positions."""
 _WIDE_PX = 1.0
 """Standard deviation of a bundle above which its image may have several stationary points [px]; a narrower one is
-smoothed by the pixel.
-"""
+smoothed by the pixel."""
 _SWEEPS = 3
-"""Number of times that both edges are followed in turn: each brings the guess nearer."""
+"""Number of alternating searches along both edges: each brings the guess nearer."""
 _ROUGH = 0.02
-"""Precision of a move along an edge over the standard deviation [1]: Newton's method improves it."""
+"""Precision of a search along an edge over the standard deviation [1]: Newton's method improves it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Saddle:
-    """Position of the saddle of a corner's image, and its error: the differences of two sizes of triangles, degrees of
-    polynomials and numbers of nodes along a pixel's side; NaN if none was found.
+    """Position of the saddle of a corner's image, and its error; NaN if none was found.
+
+    The error is the sum of the differences between two sizes of triangles, degrees of polynomials and numbers of nodes
+    along a pixel's side.
     """
 
     x_px: Float64[np.ndarray, "2"]
@@ -208,7 +206,7 @@ class Saddle:
 
 
 def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-    """A tangent plane (4, 3) whose coordinate axes are two edges (2, 3) of the same frame."""
+    """A tangent plane (4, 3) whose coordinate axes are two edges (2, 3) of its frame."""
     normal = plane[3]
     first, second = np.cross(edges[1], normal), np.cross(normal, edges[0])
     return np.stack([plane[0], first / (first @ edges[0]), second / (second @ edges[1]), normal])
@@ -217,14 +215,18 @@ def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "
 def saddle(
     tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
 ) -> Saddle:
-    """Find the saddle of a corner, on a plane of `corner_plane`, near the position of J."""
-    lost, start = Saddle(np.full(2, np.nan), np.nan), _start(tracer, microlens, x_px, plane, ratio)
+    """Find the saddle of a corner, on a plane from `corner_plane`, near the position of J."""
+    lost = Saddle(np.full(2, np.nan), np.nan)
+    start = _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
         return lost
-    (x_px, spread_px), moved, off, hessian = start, np.inf, np.full((3, 2), np.nan), np.full((2, 2), np.nan)
+    x_px, spread_px = start
+    moved = np.inf
+    off, hessian = np.full((3, 2), np.nan), np.full((2, 2), np.nan)
     level, degree, along = 0, 0, 1
     most = len(_LEVELS) - 1, len(_ORDERS) - 1, len(_ALONG) - 1
     while True:
+        # Solve grad E = 0 on a map around the saddle, and trace the map anew until the saddle is in its middle.
         for _ in range(_ROUNDS):
             rings, directions = _LEVELS[level]
             nodes = Polar(np.arange(rings + 1) / rings, directions, has_corners=True)
@@ -240,15 +242,17 @@ def saddle(
                 break
         if not moved <= _CENTRED_PX:
             break
+        # Solve again with coarser triangles, polynomials and sides of the pixel, for the error of each.
         assert around is not None
         straighter = [(share, bundle.coarser()) for share, bundle in around]
         rougher = ((around, _ALONG[along]), (straighter, _ALONG[along]), (around, _ALONG[along - 1]))
-        coarse, *others = (_newton(gradient_of(of, ratio, 2, nodes), x_px, hessian)[0] for of, nodes in rougher)
-        off = np.array([(x_px - coarse) / 3, *(coarse - other for other in others)])
+        coarse, *coarser = (_newton(gradient_of(of, ratio, 2, nodes), x_px, hessian)[0] for of, nodes in rougher)
+        off = np.array([(x_px - coarse) / 3, *(coarse - other for other in coarser)])
         more = ~(np.hypot(*off.T) < _GOOD_PX) & (np.array([level, degree, along]) < most)
         if not more.any():
             break
         level, degree, along = np.array([level, degree, along]) + more
+    # Accept a saddle near the start, and extrapolate it to vanishing triangles (Richardson).
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
         return lost
@@ -259,15 +263,16 @@ def _start(
     tracer: Tracer, microlens: int, x_px: np.ndarray, plane: np.ndarray, ratio: float
 ) -> tuple[np.ndarray, float] | None:
     """First guess, and the standard deviation of the bundle in the image [px]; None if bundles around J are cut."""
-    # With coma J is far off, and a wide image has other stationary points. The guess is where both edges halve the
-    # bundle; of a wide bundle, where each edge halves it on the other edge.
+    # With coma J is far off, and a wide image has further stationary points. The guess is where both edges halve the
+    # bundle; for a wide bundle, where each edge halves it on the other edge.
     half = np.full(2, _HALF_PX)
     around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDERS[0]), _START_NODES)
     if around is None:
         return None
     nodes = around.at(x_px)
     weight = (nodes[..., 2] * np.linspace(0, 1, nodes.shape[1])).ravel()
-    weight, hits = weight / weight.sum(), nodes[..., :2].reshape(-1, 2)
+    weight = weight / weight.sum()
+    hits = nodes[..., :2].reshape(-1, 2)
     px_per_mm = np.linalg.inv(_jacobian(around, weight))
     x_px = x_px - px_per_mm @ [_median(values, weight) for values in hits.T]
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
@@ -280,7 +285,7 @@ def _start(
 
 
 def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_px: float) -> np.ndarray:
-    """Move along both edges in turn to where the derivative along the other one vanishes and grows in its direction."""
+    """Move along both edges in turn to where the derivative along the other one changes its sign."""
     from scipy.optimize import brentq
 
     first, second = (px_per_mm / np.linalg.norm(px_per_mm, axis=0)).T
@@ -301,7 +306,7 @@ def _median(values: np.ndarray, weight: np.ndarray) -> float:
 
 
 def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
-    """Derivative of the mean hit by the position, (2, 2) [mm per px]."""
+    """Jacobian of the mean hit by position, (2, 2) [mm per px]."""
     steps = _LOOK_PX * np.eye(2)
     means = [
         [weight @ around.at(around.x_px + sign * step)[..., :2].reshape(-1, 2) for sign in (1, -1)] for step in steps
@@ -313,18 +318,20 @@ def _newton(
     gradient_at: Callable[[np.ndarray], np.ndarray], x_px: np.ndarray, hessian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN if there is none."""
-    x, gradient = x_px, gradient_at(x_px)
+    x = x_px
+    gradient = gradient_at(x_px)
     for _ in range(_STEPS):
         if not np.abs(np.linalg.det(hessian)) > 0:
             return np.full(2, np.nan), hessian
         step = -np.linalg.solve(hessian, gradient)
         step *= min(1.0, _LONGEST_PX / 2 / max(np.hypot(*step), 1e-300))
-        x, before = x + step, gradient
+        x = x + step
+        before = gradient
         if np.hypot(*step) < _DONE_PX or np.hypot(*(x - x_px)) > _LONGEST_PX:
             break
         gradient = gradient_at(x)
         surprise = gradient - before - hessian @ step
-        # Powell's symmetric update: like Broyden's, for symmetric derivatives.
+        # Powell's symmetric Broyden update.
         n = step @ step
         hessian = hessian + (np.outer(surprise, step) + np.outer(step, surprise)) / n
         hessian -= (surprise @ step) * np.outer(step, step) / n**2

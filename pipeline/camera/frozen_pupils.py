@@ -1,8 +1,9 @@
-"""Integrals of bundles next to others, with what passes held: differences of them are those of light, not of searches.
+"""Bundle integrals at neighbouring positions with the pupil geometry frozen, so that finite differences are free of
+search noise.
 
-A search of what passes ends somewhere, and two bundles that differ by 1e-4 of a radius would differ by that, and by the
-search. Here both share inner points and the directions of nodes and corners, and their rays go through the same shares
-of the ways to their own edges, so that the rim of what passes counts as it moves.
+The search for the boundary of a bundle has a finite resolution, and a difference of two searches 1e-4 of a radius apart
+would contain it. Here both bundles share interior points and the directions of nodes and corners, and their rays go
+through equal fractions of the radii to their own boundaries, so that the motion of the boundary still counts.
 """
 
 from collections.abc import Callable
@@ -16,14 +17,14 @@ from pipeline.camera.tracing.moments import COLUMNS, mixed
 from pipeline.records.shapes import Float64
 
 HALF_PX = 1e-5
-"""Half the step of differences by image position [px]. J rounds to 1e-8 of it. Behind microlenses corners wander by 150
+"""Half the step of differences by image position [px]. J rounds to 1e-8 of it. Behind microlenses corners turn by 150
 degrees per px, and a node that a corner passes errs: at 1e-3 px by up to 4 % of the difference."""
 
 
-class Held:
-    """Bundles of which is held what passes, at a level of quadrature.
+class FrozenPupils:
+    """Bundles with frozen interior points and directions, at one level of quadrature.
 
-    `rays`: number of rays traced so far.
+    `rays`: number of rays traced.
     """
 
     def __init__(self, tracer: Tracer, bundles: Bundles, level: int, effort: Effort) -> None:
@@ -35,26 +36,27 @@ class Held:
         self.rays = sum(part.rays for part in self._regions)
 
     def next_to(self, tracer: Tracer, bundles: Bundles) -> Integral:
-        """Integrals over the bundles of a camera next to those that are held; moments are NaN where what passes is in
-        pieces, or nothing passes.
+        """Integrals over the bundles of a neighbouring camera or of neighbouring positions.
+
+        Moments are NaN for an empty bundle, or one that is not star-shaped.
         """
         nodes, share = bundles.at_nodes(self._level)
         parts, rays, n = [], 0, len(bundles.x_px)
-        for light, held in zip(tracer.lights, self._regions, strict=True):
-            there = held.next_to(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens)
-            moments, status, more = there.moments(nodes.planes, NODES[self._level], is_last=False)
+        for light, frozen in zip(tracer.lights, self._regions, strict=True):
+            neighbour = frozen.next_to(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens)
+            moments, status, more = neighbour.moments(nodes.planes, NODES[self._level], is_last=False)
             moments[status != INTEGRATED] = np.nan
             parts.append(mixed(moments.reshape(n, len(share), COLUMNS), share) if len(share) > 1 else moments)
             rays += more
         self.rays += rays
         lights = np.array([light.share for light in tracer.lights])
-        whole = mixed(np.stack(parts, axis=1), lights) if len(parts) > 1 else parts[0]
-        return Integral(whole, np.full((n, 2), np.nan), np.zeros(n, bool), rays)
+        total = mixed(np.stack(parts, axis=1), lights) if len(parts) > 1 else parts[0]
+        return Integral(total, np.full((n, 2), np.nan), np.zeros(n, bool), rays)
 
 
 def by_x(
     moments_at: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "n 2"], half_px: float = HALF_PX
 ) -> np.ndarray:
-    """Derivatives of moments by image position, (n, COLUMNS, 2): central differences over half a step to both sides."""
+    """Derivatives of moments by image position, (n, COLUMNS, 2), by central differences."""
     ends = [[moments_at(x_px + sign * step) for sign in (1, -1)] for step in half_px * np.eye(2)]
     return np.stack([(more - less) / (2 * half_px) for more, less in ends], axis=-1)

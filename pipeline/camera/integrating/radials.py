@@ -1,0 +1,217 @@
+"""Radial rays from an interior point to the vignetting boundary; vision frame, mm.
+
+Probe rays all over the bounding polygon must agree with a boundary, which shows that it encloses all of the light.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.boundary import even_angles, unit_vectors
+from pipeline.camera.integrating import edge_kernels, edge_search
+from pipeline.camera.integrating.edge_search import PASSES, Spokes
+from pipeline.camera.tracing.records import CameraArrays
+from pipeline.records.shapes import Float64, Int64
+
+_POLYGON = 1 << 20
+"""Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
+_EDGE_STEPS = 24
+"""Bisections of the boundary: to 3e-8 of the polygon's radius, so that a weight errs by less than 1e-7."""
+_AROUND, _OUTWARDS = 256, np.append(np.arange(1, 24) / 24, 1 - 1e-6)
+"""Directions, and fractions of the boundary's radius, of points that cover a region: a hidden part at its boundary is
+missed only below a few hundred-thousandths of it, an inner one below a thousandth."""
+PROBES = 3
+"""Probe rays over the polygon per direction of a quadrature."""
+_STEPS = 12
+"""Bisections of the boundary in the direction of a probe that disagrees: to 1/4096 of the polygon's radius, which is
+also the tolerance."""
+_CHANCE, _ERRORS = 3.0, 4.0
+"""Tolerated number of probes beyond the chords of a boundary: a constant, and standard errors of the expected
+number."""
+
+
+class EdgePoints(NamedTuple):
+    """Boundary points: radius, label of the obstacle, radius of the polygon, (m,) each; and rays traced."""
+
+    radius: np.ndarray
+    label: np.ndarray
+    limit: np.ndarray
+    rays: int
+
+
+@dataclass(frozen=True, slots=True)
+class StarRegions:
+    """Regions of passing rays, one per sensor position, each star-shaped about an interior point."""
+
+    arrays: CameraArrays
+    # Sensor positions and their microlens
+    positions: Float64[np.ndarray, "n 2"]
+    microlens: Int64[np.ndarray, "n"]
+    # Polygons that enclose the regions
+    polygons: Float64[np.ndarray, "n MAX_VERTICES 2"]
+    counts: Int64[np.ndarray, "n"]
+    free_sr: Float64[np.ndarray, "n"]  # weight of all rays through the position's own microlens; 0 without one
+    centres: Float64[np.ndarray, "n 2"]  # interior points; NaN where nothing passes
+
+    @property
+    def nonempty(self) -> np.ndarray:
+        """Rows of the positions with an interior point, ascending."""
+        return np.flatnonzero(~np.isnan(self.centres[:, 0]))
+
+    def directions(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Evenly spaced directions about every interior point: positions, ascending, and angles."""
+        return np.repeat(self.nonempty, count), np.tile(even_angles(count), len(self.nonempty))
+
+    def spread(self, rows: Int64[np.ndarray, "n"], count: int) -> np.ndarray:
+        """Points that fill the polygons of some positions evenly, (rows, count, 2)."""
+        points = np.empty((len(rows), count, 2))
+        edge_kernels.spread(self.polygons[rows], self.counts[rows], points)
+        return points
+
+    def probe(
+        self, owner: Int64[np.ndarray, "n"], points: Float64[np.ndarray, "n 2"], is_named: bool = False
+    ) -> np.ndarray:
+        """Labels, as from `edge_kernels.probe`, of the obstacles of rays from positions, ascending, through points."""
+        label = np.empty(len(owner), np.int64)
+        points = np.ascontiguousarray(points)
+        edge_kernels.probe(self.arrays, self.positions, self.microlens, owner, points, is_named, label)
+        edge_kernels.probe.count(len(owner), len(self.arrays.table))
+        return label
+
+    def edge_points(
+        self, owner: Int64[np.ndarray, "n"], angle: Float64[np.ndarray, "n"], steps: int = _EDGE_STEPS
+    ) -> EdgePoints:
+        """Boundary points in directions sorted by owner; a radius errs by less than 2^-(steps + 1) of the polygon's."""
+        m = len(owner)
+        spokes = Spokes(owner, angle, np.empty(m), np.empty((2, m)))
+        label = np.empty(m, np.int64)
+        edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
+        label += _POLYGON
+        radius = np.empty(m)
+        given = self.positions, self.microlens, self.centres, spokes
+        rays = edge_search.find_edges(self.arrays, *given, steps, radius, label)
+        edge_search.find_edges.count(rays, len(self.arrays.table))
+        return EdgePoints(radius, label, spokes.limit, rays)
+
+    def points_inside(self, rows: Int64[np.ndarray, "n"]) -> np.ndarray:
+        """Points that cover regions up to their boundary, (rows, m, 2)."""
+        owner, angle = np.repeat(rows, _AROUND), np.tile(even_angles(_AROUND), len(rows))
+        radial = self.edge_points(owner, angle).radius[:, None] * unit_vectors(angle)
+        return (self.centres[owner, None] + _OUTWARDS[:, None] * radial[:, None]).reshape(len(rows), -1, 2)
+
+    def nothing_beyond(
+        self,
+        owner: Int64[np.ndarray, "n"],
+        along: Float64[np.ndarray, "n 2"],
+        radius: Float64[np.ndarray, "n"],
+        limit: Float64[np.ndarray, "n"],
+    ) -> np.ndarray:
+        """Whether no ray passes beyond the boundary, (n,): one ray per direction, at four radii in turn."""
+        number = np.arange(len(owner)) - np.searchsorted(
+            owner, owner
+        )  # counted per position: no row depends on another
+        height = 0.125 + 0.25 * (number % 4)
+        open_ = radius < limit * (1 - 1e-9)
+        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
+        label = self.probe(owner[open_], points[open_])
+        clear = np.ones(len(self.positions), bool)
+        clear[owner[open_][label == PASSES]] = False
+        return clear
+
+
+def agrees_with_probes(
+    bundles: StarRegions,
+    owner: Int64[np.ndarray, "m"],
+    angle: Float64[np.ndarray, "m"],
+    radius: Float64[np.ndarray, "m"],
+    share: Float64[np.ndarray, "m"],
+    count: int,
+) -> tuple[np.ndarray, int]:
+    """Whether `count` probes over the polygon of each position agree with a boundary, (n,) bool; and rays traced.
+
+    Between neighbouring directions the boundary is approximated by a chord. Where a probe disagrees, the boundary is
+    traced in the probe's own direction and must explain it: otherwise the region is in pieces, has a hole, or is not
+    star-shaped. The number of probes that pass beyond the chords must not exceed what the area there accounts for:
+    otherwise the boundary is too small.
+
+    `owner`, `angle`, `radius`, `share`: directions of a quadrature, sorted by owner; the radius of the boundary, and
+    the angle that each represents.
+    """
+    n = len(bundles.positions)
+    live = np.flatnonzero(np.bincount(owner, minlength=n))
+    if not len(live):
+        return np.ones(n, bool), 0
+    # Compare probes with the chords of the boundary.
+    chords = _chords(owner, angle, radius, n)
+    who, points = np.repeat(live, count), bundles.spread(live, count).reshape(-1, 2)
+    passed = bundles.probe(who, points) == PASSES
+    x, y = (points - bundles.centres[who]).T
+    towards = np.arctan2(y, x)
+    odd = np.flatnonzero(passed != chords.hold(who, towards, x, y))
+    # Trace the boundary in the direction of each probe that disagrees.
+    far = np.hypot(x[odd], y[odd])
+    edge, _, limit, rays = bundles.edge_points(who[odd], towards[odd], _STEPS)
+    off = np.where(passed[odd], far - edge, edge - far)
+    agrees = np.ones(n, bool)
+    agrees[who[odd][off > limit * 0.5**_STEPS]] = False
+    # Compare the number of probes beyond the chords with the area between chords and boundary.
+    outside = np.bincount(owner, 0.5 * share * radius**2, n) - chords.area()
+    expected = count * np.maximum(outside[live], 0.0) / _areas(bundles, live)
+    beyond = np.bincount(who[odd][passed[odd]], minlength=n)[live]
+    agrees[live[beyond > expected + _CHANCE + _ERRORS * np.sqrt(expected)]] = False
+    return agrees, len(who) + rays
+
+
+@dataclass(frozen=True, slots=True)
+class _Chords:
+    """Polygons through boundary points, in the order of owner and angle.
+
+    `key`: of each point, for the order; `first`: number of the first point of each owner; `x`, `y`: relative to the
+    interior point; `following`: number of the next point.
+    """
+
+    key: np.ndarray
+    first: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    following: np.ndarray
+
+    def hold(self, owner: np.ndarray, angle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whether points (x, y), about interior points and in directions `angle`, lie within the chords, (k,) bool."""
+        a = np.searchsorted(self.key, _key(owner, angle), side="right") - 1
+        a = np.where(a < self.first[owner], self.first[owner + 1] - 1, a)
+        b = self.following[a]
+        ax, ay = self.x[a], self.y[a]
+        return (self.x[b] - ax) * (y - ay) > (self.y[b] - ay) * (x - ax)
+
+    def area(self) -> np.ndarray:
+        """Area that the chords enclose, (n,)."""
+        b, n = self.following, len(self.first) - 1
+        owner = np.repeat(np.arange(n), np.diff(self.first))
+        return np.bincount(owner, 0.5 * (self.x * self.y[b] - self.x[b] * self.y), n)
+
+
+def _chords(owner: np.ndarray, angle: np.ndarray, radius: np.ndarray, n: int) -> _Chords:
+    key = _key(owner, angle)
+    order = np.argsort(key, kind="stable")  # nearly sorted already
+    owner, angle, radius = owner[order], angle[order], radius[order]
+    first = np.searchsorted(owner, np.arange(n + 1))
+    following = np.arange(1, len(owner) + 1)
+    last = np.append(owner[1:] != owner[:-1], True)
+    following[last] = first[owner[last]]
+    return _Chords(key[order], first, radius * np.cos(angle), radius * np.sin(angle), following)
+
+
+def _key(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Numbers that sort directions by owner, then by angle from 0 to 2 pi."""
+    return owner * 8.0 + angle % (2 * np.pi)
+
+
+def _areas(bundles: StarRegions, rows: np.ndarray) -> np.ndarray:
+    """Areas of the bounding polygons."""
+    x, y = np.moveaxis(bundles.polygons[rows], -1, 0)
+    number = np.arange(x.shape[1])
+    following = np.where(number + 1 < bundles.counts[rows, None], number + 1, 0)
+    cross = x * np.take_along_axis(y, following, axis=1) - y * np.take_along_axis(x, following, axis=1)
+    return 0.5 * np.sum(np.where(number < bundles.counts[rows, None], cross, 0.0), axis=1)
