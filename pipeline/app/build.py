@@ -60,6 +60,8 @@ _STEP_OF_KIND = {
     "fixed_pattern": "sensor",
 }
 _NOT_FLAT = {"warped", "height-map", "cylinder", "mesh"}
+_NUMBERS = bytes(range(100))
+"""Numbers of the parts in which kernels are compiled, and of more than there are."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
 
@@ -269,13 +271,21 @@ def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) ->
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> bool:
-    """Whether two processes have compiled the kernels of steps; if anything is wrong, this process then meets it."""
-    environment, nothing = {**os.environ, **settings()}, subprocess.DEVNULL
+    """Whether two processes have compiled the kernels of steps; if anything is wrong, this process then meets it.
+
+    Both take numbers of parts from one pipe, so that they end together on any machine.
+    """
+    environment, asked = {**os.environ, **settings()}, command("pipeline.app.compile_kernels:compile_apart", *steps)
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
+        numbers, writing = os.pipe()
+        last.callback(os.close, numbers)
+        os.write(writing, _NUMBERS)
+        os.close(writing)
         processes = []
-        for share in ("0", "1"):
-            asked = command("pipeline.app.compile_kernels:compile_apart", share, *steps)
-            process = subprocess.Popen(asked, env=environment, stdin=nothing, stdout=nothing, start_new_session=True)
+        for _ in range(2):
+            process = subprocess.Popen(
+                asked, env=environment, stdin=numbers, stdout=subprocess.DEVNULL, start_new_session=True
+            )
             processes.append(last.enter_context(process))
             last.callback(process.kill)
         codes = [process.wait() for process in processes]

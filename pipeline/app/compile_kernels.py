@@ -5,7 +5,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from itertools import chain
+from itertools import chain, takewhile
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -34,46 +34,33 @@ from pipeline.truth.grid import quad_search
 
 
 class Part(NamedTuple):
-    """Something to call if all `steps` are asked for: after the parts before it takes `seconds` to compile [s], of a
-    processor AMD EPYC at 2.6 GHz.
-    """
+    """Something to call if all `steps` are asked for."""
 
     steps: str
-    seconds: float
     call: Callable[[], object]
 
 
-def compile_kernels(steps: Iterable[str], share: int | None = None) -> None:
-    """Call every kernel of these steps once, with the types that real tasks use.
-
-    `share`: 0 or 1, that of one of two processes.
-    """
+def compile_kernels(steps: Iterable[str], numbers: Iterable[int] | None = None) -> None:
+    """Call every kernel of these steps once, with the types that real tasks use; or only parts with these numbers."""
     asked = set(steps)
     plugged = (plugged_in("kernel", name) for name in sorted(offered("kernel")))
-    parts = [part for part in (*_PARTS, *chain(*plugged)) if asked.issuperset(part.steps.split())]
+    parts = [part for part in (*chain(*plugged), *_PARTS) if asked.issuperset(part.steps.split())]
+    every = range(len(parts))
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
-        for part in parts if share is None else shares(parts)[share]:
-            part.call()
+        for number in every if numbers is None else takewhile(every.__contains__, numbers):
+            parts[number].call()
     finally:
         gc.enable()
 
 
-def shares(parts: Sequence[Part]) -> tuple[list[Part], list[Part]]:
-    """Parts for each of two processes: the longest first, each to the one that has less to do."""
-    both: tuple[list[Part], list[Part]] = [], []
-    for part in sorted(parts, key=lambda part: -part.seconds):
-        min(both, key=lambda some: sum(other.seconds for other in some)).append(part)
-    return both
-
-
 def compile_apart() -> NoReturn:
-    """Compile steps. Arguments: 0 or 1, which share of them, and the steps.
+    """Compile those parts of the steps in the arguments whose numbers this process, and no other, reads from its input.
 
     The process ends at once: to free one by one what the compiler has left takes seconds.
     """
     sys.excepthook = lambda *error: None  # whoever started this process meets the error, too: see `_compiled_apart`
-    compile_kernels(sys.argv[2:], int(sys.argv[1]))
+    compile_kernels(sys.argv[1:], (read[0] for read in iter(lambda: os.read(0, 1), b"")))
     os._exit(0)
 
 
@@ -158,19 +145,20 @@ def _sensor() -> None:
 
 
 _PARTS = (
-    Part("lens", 2.0, lambda: single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))),
-    Part("lens", 3.0, _moments),
-    Part("lens", 4.9, lambda: _integrals(_tracer(), NO_MICROLENS)),
-    Part("aspheres", 2.4, _aspheres),
-    Part("microlenses", 2.0, lambda: micro_images(_plenoptic(1.0))),
-    Part("microlenses", 1.9, lambda: _integrals(_plenoptic(1.0), 0)),
-    Part("micro_images", 0.8, _micro_images),
-    Part("micro_images", 0.2, lambda: _integrals(_plenoptic(0.0), 0)),
-    Part("images", 7.8, lambda: _pictures(_tracer())),
-    Part("images micro_images", 0.4, lambda: _pictures(_plenoptic(0.0))),
-    Part("company", 1.2, lambda: _pictures(_tracer(), [_CARD])),
-    Part("company", 0.1, lambda: _shine(Target(_SQUARES))),
-    Part("shapes", 1.2, _shapes),
-    Part("search", 1.6, _search),
-    Part("sensor", 1.3, _sensor),
+    Part("lens", lambda: _integrals(_tracer(), NO_MICROLENS)),
+    Part("images", lambda: _pictures(_tracer())),
+    Part("lens", _moments),
+    Part("aspheres", _aspheres),
+    Part("lens", lambda: single_hits(_tracer().arrays, _POSITION, _NO_LENS, _POSITION, np.zeros((1, 4, 3)))),
+    Part("microlenses", lambda: micro_images(_plenoptic(1.0))),
+    Part("search", _search),
+    Part("microlenses", lambda: _integrals(_plenoptic(1.0), 0)),
+    Part("sensor", _sensor),
+    Part("shapes", _shapes),
+    Part("company", lambda: _pictures(_tracer(), [_CARD])),
+    Part("micro_images", _micro_images),
+    Part("images micro_images", lambda: _pictures(_plenoptic(0.0))),
+    Part("micro_images", lambda: _integrals(_plenoptic(0.0), 0)),
+    Part("company", lambda: _shine(Target(_SQUARES))),
 )
+"""What takes longest is first, so that two processes that take parts in turn end together."""

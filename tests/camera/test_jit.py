@@ -18,7 +18,6 @@ from rich.console import Console
 
 from pipeline.app import build as building
 from pipeline.app.build import compile_once, project, steps_of
-from pipeline.app.compile_kernels import Part, shares
 from pipeline.app.progress import Bar, Lines
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.engine.events import Compiling
@@ -115,11 +114,6 @@ def test_a_changed_callee_is_compiled_again_by_the_next_process(tmp_path):
         return float(number)
 
     assert [driven(number) for number in (1.0, 2.0)] == [1.0, 2.0]
-
-
-def test_two_processes_share_parts_by_their_cost():
-    both = shares([Part("", seconds, list) for seconds in (1.0, 5.0, 2.0, 3.0)])
-    assert [[part.seconds for part in some] for some in both] == [[5.0, 1.0], [3.0, 2.0]]
 
 
 def test_a_folder_for_kernels_is_private_and_stays(folder):
@@ -248,8 +242,14 @@ def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(c
 def test_two_processes_compile_each_kernel_once_and_a_cut_one_is_named(folder):
     """What one compiles, the other one waits for: Numba keeps a file per types, numbered from 1."""
     settings = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PYTHONUNBUFFERED": "1"}
-    asked = [command("pipeline.app.compile_kernels:compile_apart", share, "search", "sensor") for share in ("0", "1")]
-    both = [subprocess.Popen(words, env=settings, stdout=subprocess.PIPE, text=True) for words in asked]
+    asked = command("pipeline.app.compile_kernels:compile_apart", "search", "sensor")
+    both = [
+        subprocess.Popen(asked, env=settings, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in "ab"
+    ]
+    for process in both:
+        process.stdin.write("\0\1\2")
+        process.stdin.close()
+        process.stdin = None
     lines = [line for process in both for line in process.communicate()[0].splitlines()]
     saved = [line for line in lines if line.startswith("[cache] data saved to")]
     assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) >= 5

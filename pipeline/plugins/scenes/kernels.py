@@ -34,4 +34,4 @@ def _paths_of_light() -> None:
     view.in_light(0).radiance(np.zeros((4, 3)), rays, Names(np.zeros(4, np.uint32), np.arange(4)))
 
 
-PARTS = (Part("lighting", 16.2, _paths_of_light),)
+PARTS = (Part("lighting", _paths_of_light),)
