@@ -11,6 +11,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from shorter import few
 
 import pipeline
 from pipeline.camera.bundle import Bundle
@@ -68,7 +69,7 @@ def answer(call: Callable[[], Any]) -> Any:
 @pytest.mark.parametrize(
     "record", [CAMERA, SENSOR, SINGLET, SINGLET.surfaces[0], ARRAY, BOARD], ids=lambda r: type(r).__name__
 )
-@pytest.mark.parametrize("step", [75, pytest.param(1, marks=pytest.mark.heavy)])
+@pytest.mark.parametrize("step", few([200], 1))
 def test_a_record_holds_what_it_declares_or_says_what_it_was_given(record: Any, step: int) -> None:
     """And what it holds can be traced, or an error says why not: one of so many is."""
     held = []
@@ -139,7 +140,8 @@ def test_crossings_with_a_plane_are_numbers_or_an_error(method: Callable[..., np
         assert isinstance(found, PipelineError) or np.isfinite(found).all()
 
 
-def test_targets_stages_and_builds_answer_to_whatever_they_are_given(tmp_path: Path, monkeypatch) -> None:
+@pytest.mark.parametrize("step", few([4], 1))
+def test_targets_stages_and_builds_answer_to_whatever_they_are_given(step: int, tmp_path: Path, monkeypatch) -> None:
     """The build itself is left out: its arguments are judged before."""
     monkeypatch.chdir(tmp_path)
     for value in HOSTILE:
@@ -149,7 +151,7 @@ def test_targets_stages_and_builds_answer_to_whatever_they_are_given(tmp_path: P
         answer(lambda value=value: pipeline.open_dataset(STAGE, value))
     with patch("pipeline.engine.running.session.build"):
         for name in inspect.signature(pipeline.build).parameters:
-            for value in HOSTILE:
+            for value in HOSTILE[::step]:
                 answer(lambda name=name, value=value: pipeline.build(**{"path": STAGE, "out": "out", name: value}))
 
 

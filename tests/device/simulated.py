@@ -1,8 +1,7 @@
 """What the simulator computes against processors: a process of its own, NUMBA_ENABLE_CUDASIM=1.
 
 `moments` prints the largest difference of a few bundles of each rig, and whether all bits are equal; `rays` the same of
-rays of images, which are float32 on a device and float64 on processors, of a few rigs; `bits` of all rigs, and compares
-them with compiled float32.
+rays of images, which are float32 on a device and float64 on processors, and compares them with compiled float32.
 """
 
 import argparse
@@ -32,8 +31,6 @@ from single_rays import single_leaving
 
 SAMPLES, AT_MM = 4, 600.0
 """Rays of a pixel through each microlens, and where they are compared: the rigs focus at 400 to 900 mm."""
-QUICK = "tilted", "refractive", "aspheric"
-"""Rigs whose rays are traced in every run: microlenses of two models, and aspheres."""
 
 
 def cameras() -> dict[str, Camera]:
@@ -97,7 +94,7 @@ def squares_of(rig: Rig) -> Squares:
     return Squares(pixels, band.positions_mm[some], strata, counts, counts)
 
 
-def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None, *, bits: bool = False) -> None:
+def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None) -> None:
     """Print one line: name, rays, largest difference [mm] and that of shares, nan if other rays pass, equal bits."""
     rig = dataclasses.replace(Rig.of(Tracer(camera, 3)), diffraction_nm=diffraction_nm)
     squares, samples = squares_of(rig), Samples(sobol_bits(2 * SAMPLES), 3, camera.sensor.pitch_mm)
@@ -105,11 +102,10 @@ def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None,
     count = bundle_kernels.image_rays(rig.tracer.arrays, samples, squares, rig.diffraction, room)
     expected = room.first(count)
     rays = ImageRays(device_name(), rig.tracer.arrays, samples, rig.diffraction).started(squares)
-    again, same = room_for(int(squares.counts.sum())), "-"
+    again = room_for(int(squares.counts.sum()))
     found = again.first(leaving_rays(rays, 0, squares.counts, again))
-    if bits:
-        twin = single_leaving(rig.tracer.arrays, samples, squares, rig.diffraction)
-        same = str(all(map(np.array_equal, twin, found)))
+    twin = single_leaving(rig.tracer.arrays, samples, squares, rig.diffraction)
+    same = all(map(np.array_equal, twin, found))
     apart_mm = share = np.nan
     if np.array_equal(found.owner, expected.owner):
         apart_mm = np.abs(crossing(found) - crossing(expected)).max()
@@ -125,7 +121,7 @@ def crossing(rays: Leaving) -> np.ndarray:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("moments", "long", "rays", "bits"))
+    parser.add_argument("what", choices=("moments", "long", "rays"))
     what = parser.parse_args().what
     warnings.simplefilter("ignore")
     if what == "long":  # a bundle of more rays than a packet holds
@@ -133,7 +129,7 @@ if __name__ == "__main__":
     for name, camera in cameras().items():
         if what == "moments":
             compare_moments(name, camera, 16, 1.0 if name == "thin" else 0.0)
-        if what == "bits" or (what == "rays" and name in QUICK):
-            compare_rays(name, camera, bits=what == "bits")
-    if what in ("rays", "bits"):
-        compare_rays("diffracted", rigs.conventional(1.0), 550.0, bits=what == "bits")
+        if what == "rays":
+            compare_rays(name, camera)
+    if what == "rays":
+        compare_rays("diffracted", rigs.conventional(1.0), 550.0)

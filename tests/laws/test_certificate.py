@@ -202,7 +202,7 @@ def synthetic(true_px: np.ndarray, seed: int, blunt_px: float) -> tuple[bool | N
     return verdict(judge.found, rows, 1.0)[0], judge.found
 
 
-@pytest.mark.parametrize(("rows", "blunt_px"), few_cases([(135, 1.0), (16, 30.0)], (16, 1.0), (135, 30.0), (45, 300.0)))
+@pytest.mark.parametrize(("rows", "blunt_px"), few_cases([(16, 30.0)], (135, 1.0), (16, 1.0), (135, 30.0), (45, 300.0)))
 @pytest.mark.parametrize("error_px", [1.0, 0.1])
 def test_of_right_datasets_one_in_a_thousand_is_refuted_at_most(rows: int, blunt_px: float, error_px: float) -> None:
     """1,000 datasets, in the worst case with every row at its claim: none, where 2e-5 of them may be."""
