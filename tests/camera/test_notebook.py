@@ -15,7 +15,6 @@ from shorter import few
 
 import pipeline
 from pipeline.camera.bundle import Bundle
-from pipeline.engine.options import BuildKeywords, BuildOptions
 from pipeline.errors import PipelineError
 
 HOSTILE = [
@@ -153,8 +152,3 @@ def test_targets_stages_and_builds_answer_to_whatever_they_are_given(step: int, 
         for name in inspect.signature(pipeline.build).parameters:
             for value in HOSTILE[::step]:
                 answer(lambda name=name, value=value: pipeline.build(**{"path": STAGE, "out": "out", name: value}))
-
-
-def test_type_checkers_see_what_a_notebook_completes() -> None:
-    assert list(BuildKeywords.__annotations__) == [one.name for one in dataclasses.fields(BuildOptions)]
-    assert "from pipeline.app.build import build as build\n" in Path(pipeline.__file__).read_text()

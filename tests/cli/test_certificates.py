@@ -6,10 +6,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.app.pages.ending import certificate_lines
 from pipeline.cli import app
-
-FIGURES = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4}
 
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
@@ -28,16 +25,8 @@ def test_the_exit_code_of_a_build_is_that_of_its_certificates(
         assert "passed" in done.output
 
 
-def test_figures_are_said_once_and_what_they_are() -> None:
-    edge = {"from_px": 4, "to_px": None, "rows": 64, **FIGURES}
-    kind = {"kind": "direct", "of": 100, "within_claim": 62, "beyond_claim": 0, **edge}
-    for parts, count in (([edge], 3), ([{**edge, "to_px": 5}, edge], 5)):
-        text = certificate_lines({"c": {**certificate(True), "by_kind": [kind], "by_distance_from_cell_edge": parts}})
-        assert len(text) == count and "between the table and another rule of integration" in text[1]
-        assert "by direct, 62 within the claim, 2 undecided" in text[2]
-
-
 def certificate(passed: bool | None) -> dict[str, Any]:
-    head = {"claim_px": 1e-3, "rows": 64, "of": 100, **FIGURES, "own_sigma_px": 1e-5}
+    figures = {"mean_px": 1e-4, "rms_px": 1e-4, "max_px": 2e-4, "own_sigma_px": 1e-5}
+    head = {"claim_px": 1e-3, "rows": 64, "of": 100, **figures}
     reason = None if passed else "a row differs"
     return {**head, "by_distance_from_cell_edge": [], "by_kind": [], "passed": passed, "reason": reason}

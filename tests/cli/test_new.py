@@ -95,12 +95,6 @@ def test_a_new_rig_is_focused_and_stopped_as_asked(run):
     assert load("d.usda").errors == []
 
 
-def test_a_new_rig_says_what_check_would_say_of_it(run):
-    parts = ("--lens", "lenses/tessar_100mm_zemax.usda", "--sensor", "sensors/sensor_640x480_10um.usda")
-    code, _, log = run("new", "rig", "r.usda", *parts, "--focus", "1000", "--f-number", "0.1")
-    assert code == 0 and "[wide-stop]" in log and "[wide-stop]" in run("check", "r.usda")[1]
-
-
 THIN = ("--focal-length", "12", "--f-number", "2", "--sensor", "sensors/sensor_640x480_10um.usda")
 
 
@@ -402,30 +396,11 @@ def test_more_blur_that_would_allow_no_steeper_tilt_is_no_remedy():
     assert re.fullmatch(r"poses from \d+\.\d to \d+\.\d mm limit tilts to \d+ degrees", line), line
 
 
-def test_a_cube_too_small_for_a_fitted_pattern_is_one_to_leave_as_it_is(run, monkeypatch):
-    """Before, the hint was to enlarge the edge, of a cube of the library whose pattern had grown by --fit."""
-    monkeypatch.setattr(CameraField, "scale_to_fill", lambda field, share: 10.0)
-    target = ("--target", "targets/aprilgrid_cube.usda")
-    code, _, log = run("new", "dataset", "d.usda", *PARTS, *target, "--fit")
-    assert code == 2
-    assert "is too short for a sheet" in log and "leave out --fit" in log and "enlarge" not in log
-
-
 def test_best_and_poses_at_once_are_refused(run):
     code, _, log = run("new", "dataset", "d.usda", *PARTS, "--best", "2", "--poses", "9")
     assert code == 2
     assert "--poses and --best" in log
     assert not Path("d.usda").exists()
-
-
-@pytest.mark.heavy
-def test_poses_that_are_chosen_are_told_and_not_all_among_which(run, monkeypatch):
-    monkeypatch.setattr("pipeline.app.authoring.best.CANDIDATES", 2)
-    code, _, log = run("new", "dataset", "d.usda", *PARTS, "--best", "2", "--fit")
-    assert code == 0
-    told = [line.split(":")[0] for line in log.splitlines() if line.startswith("pose ")]
-    assert told == ["pose 1 of 2", "pose 2 of 2"]
-    assert log.splitlines()[0].startswith("2 poses are chosen of 4, ")
 
 
 def test_fitted_poses_are_as_steep_as_the_depth_of_field_permits_and_the_limit_is_said(run):

@@ -164,17 +164,3 @@ def test_a_picture_without_matplotlib_says_what_to_install(run, tmp_path, monkey
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, page, log = run("show", PAPER, "--psf", "points.svg")
     assert (code, page) == (2, "") and "plenoptic-pipeline[plot]" in log and not (tmp_path / "points.svg").exists()
-
-
-@pytest.mark.heavy
-def test_images_of_points_as_json_are_the_limits_of_apertures(run):
-    code, page, _ = run("show", PAPER, "--psf", "points.svg", "--json")
-    images = json.loads(page)["point_images"]
-    assert code == 0 and [one["place"] for one in images] == [f"microlens type {kind}" for kind in range(3)]
-    for one in images:
-        # Airy's radius and the limit of the aperture are those of its wavelength and numerical aperture.
-        assert one["airy_radius_um"] == pytest.approx(
-            0.61e-3 * one["wavelength_nm"] / one["numerical_aperture"], rel=1e-3
-        )
-        assert one["strehl_ratio"] == pytest.approx(1.0, abs=1e-3)
-        assert len(one["per_mm"]) == len(one["tangential"]) == len(one["sagittal"]) and one["tangential"][0] == 1.0

@@ -168,16 +168,6 @@ def test_a_method_without_a_claim_has_no_verdict_whatever_its_rows_are(tmp_path,
     assert "no verdict, the method makes no claim" in said and not failed(result.certificate)
 
 
-def test_figures_that_are_not_known_are_printed_as_such():
-    """Rows without light have no differences, and their judge no error: once a TypeError after the delivery."""
-    dark = dict.fromkeys(("mean_px", "rms_px", "max_px", "own_sigma_px", "claim_px", "passed"))
-    kind = {"kind": "position images", "rows": 2, "of": 2, "within_claim": None, "beyond_claim": None, **dark}
-    whole = {**dark, "rows": 2, "of": 2, "reason": "the method makes no claim", "by_kind": [kind]}
-    assert certificate_lines({"c": {**whole, "by_distance_from_cell_edge": []}})[0].startswith(
-        "certificate of c: no verdict"
-    )
-
-
 METHODS = {method: f'uniform token plen:truth:method = "{method}"' for method in ("image", "two-plane", "direct")}
 METHODS["direct"] += '\nuniform token[] plen:truth:columns = ["chief"]'
 
@@ -239,27 +229,3 @@ def test_a_build_that_sees_nothing_certifies_nothing(tmp_path, common_store):
         assert certificate_lines(found) == [
             "certificate of Rig.Camera: nothing to certify: the tables have no row (claim 0.001 px)"
         ]
-
-
-def test_points_per_frame_are_a_table_or_for_many_frames_a_summary():
-    counts = {1: 28, 2: 0, 3: 0, 4: 17}
-
-    def cameras(numbers):
-        rows = [{"frame": n, "rows": counts[n], "seen": {"Board": counts[n]}} for n in numbers]
-        return {"Left": {"of": {"Board": 28}, "frames": rows}}
-
-    assert point_lines(cameras(counts)) == [
-        "  frame  Left Board   (points seen)",
-        "      1  28 of 28",
-        "      2  0 of 28",
-        "      3  0 of 28",
-        "      4  17 of 28",
-        "warning: Left sees no point in frames 2-3: `pipeline check` says why",
-    ]
-    counts |= dict.fromkeys(range(5, 1001), 28) | {7: 12}
-    assert point_lines(cameras(counts)) == [
-        "points seen in 1000 frames:",
-        "  Left Board: all 28 in 996 frames; median 28; fewest 0, in frame 2",
-        "warning: Left sees no point in frames 2-3: `pipeline check` says why",
-    ]
-    assert point_lines({}) == []

@@ -1,4 +1,4 @@
-"""The arena of example 06: laws of its judge, its exchange of files, contestants that are missing, its tables."""
+"""The arena of example 06: laws of its judge, and its exchange of files."""
 
 import itertools
 import json
@@ -17,12 +17,8 @@ from pipeline.scene.load import load
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples/06_arena"
 sys.path[:0] = [str(EXAMPLE), str(EXAMPLE / "plenoptic")]  # its modules lie beside the script that imports them
 
-import arena  # noqa: E402
 import conditions  # noqa: E402
-import environments  # noqa: E402
 import judge  # noqa: E402
-import page  # noqa: E402
-import tables  # noqa: E402
 from contestants import exchange  # noqa: E402
 
 BIAS_PX, F_PX, CENTRE_MM = np.array([0.03, -0.02]), 700.0, np.array([0.4, -0.3, 9.0])
@@ -166,20 +162,6 @@ def test_poses_tell_where_the_centre_of_projection_is():
     np.testing.assert_allclose(mean, [0, 0, 1], rtol=0, atol=1e-10)  # nearer boards: the camera stands farther in front
 
 
-def test_who_cannot_be_installed_is_named_and_judged_by_nobody(tmp_path):
-    nobody = environments.Contestant(
-        kind="detector",
-        name="Nobody",
-        script="none.py",
-        system={"python": "/no/python", "needs": "nobody", "how": "not"},
-    )
-    took, missing = environments.run_all([nobody], tmp_path, {"Nobody": tmp_path}, tmp_path)
-    assert (took, missing) == ({}, {"Nobody": "no nobody on this machine: not"})
-
-    (tmp_path / "results.json").write_text(json.dumps({**RESULTS, "missing": missing}))
-    assert '<td class="">no nobody on this machine: not</td>' in page.write_page(tmp_path).read_text()
-
-
 def test_a_contestant_that_fails_says_so_and_the_others_go_on(tmp_path):
     """One image of two breaks the script: its error is kept, the other image is answered."""
     script, images = tmp_path / "detect.py", tmp_path / "in/sharp"
@@ -210,41 +192,6 @@ def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
     problems = {stage.name: load(stage, allow_roots=(EXAMPLE,)).problems for stage in stages}
 
     assert len(stages) > 3 and {name: found for name, found in problems.items() if found} == {}
-
-
-ELLIPSE = [[4e-4, 0.0], [0.0, 1e-4]]
-JUDGED = {"bias_px": [0.01, -0.02], "spread_px2": ELLIPSE, "noise_px2": ELLIPSE, "lasting_px": 0.0316}
-RESULTS = {
-    "about": {"date": "1 May 2026", "cpu_s": 9, "wall_s": 9, "repeats": 2, "noisy": 2},
-    "conditions": {"sharp": "in focus"},
-    "detectors": {
-        "Good": {
-            "conditions": {"sharp": {"found": 1.0, "false_per_image": 0.0, "blur_px": 0.1, "against": {"J": JUDGED}}}
-        },
-        "Blind": {"conditions": {"sharp": {"found": 0.0, "false_per_image": 3.0, "blur_px": 0.1, "against": {}}}},
-    },
-    "calibrators": {},
-    "missing": {},
-}
-
-
-@pytest.mark.parametrize("covariance_px2", [[[1e-4, 0.0], [0.0, 0.0]], [[1e-6, 5e-6], [5e-6, 1e-6]]])
-def test_a_spread_that_is_no_ellipse_has_no_correlation(covariance_px2):
-    assert tables.spread(covariance_px2).split()[-1] == tables.NOTHING
-
-
-def test_a_later_run_keeps_what_it_does_not_ask():
-    """Of two contestants before two cameras: what is new replaces all that was known of it, and nothing else."""
-    earlier = {"cases": {"a": {"contestants": {"Old": {"x": 1}, "Both": {"x": 1, "gone": 2}}, "refocus": 3}, "b": {}}}
-    later = {"cases": {"a": {"contestants": {"Both": {"x": 4}, "New": {"x": 5}}}, "c": {}}}
-
-    assert arena.merged(earlier, later, 4) == {
-        "cases": {
-            "a": {"contestants": {"Old": {"x": 1}, "Both": {"x": 4}, "New": {"x": 5}}, "refocus": 3},
-            "b": {},
-            "c": {},
-        }
-    }
 
 
 @pytest.mark.heavy

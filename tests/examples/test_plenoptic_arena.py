@@ -21,7 +21,6 @@ import judging  # noqa: E402
 import libpleno  # noqa: E402
 import models  # noqa: E402
 import refocus  # noqa: E402
-import tables  # noqa: E402
 from rows import Rows  # noqa: E402
 
 from pipeline.scene.load import load  # noqa: E402
@@ -260,41 +259,6 @@ def test_boards_that_start_mirrored_are_named_and_left_out(tmp_path):
 
     assert mirrored == [2]
     assert (len(centres), len(corners), kept["f6"].tolist(), kept["f2"].tolist()) == (2, 0, [1, 3], [0.5, 3.5])
-
-
-def test_a_coded_image_says_where_its_pixels_lie():
-    centre_px = np.array([[5.25, 4.0], [15.0, 4.5]])
-    image = refocus.coded_image(SimpleNamespace(centre_px=centre_px, rig=SimpleNamespace(size_px=(20, 9))))
-
-    assert image.shape == (9, 20, 3) and image[4, 6].tolist() == [0.75, 0.0, 1.0]
-    assert image[7, 13].tolist() == [-2.0, 2.5, 1.0]
-
-
-def test_views_score_what_they_take_beside_what_they_should(truth, monkeypatch):
-    """Viewpoints are 3 mm apart per pixel: a view that takes 0.2 px too much to the right looks from 0.6 mm beside."""
-    monkeypatch.setattr(refocus, "viewpoint_mm", lambda ready, centre_px, view: (3.0 * np.array([*view, 0.0]), 0.0))
-    monkeypatch.setattr(compete, "centres_judged", lambda *_: {})
-    given = SimpleNamespace(ready=None, centre_px=None)
-
-    judged = compete.plenopticam_judged(given, {"views": [[0, [0.0, 0.0], [0, 0]], [2, [2.2, -0.1], [0, 0]]]}, None, {})
-
-    assert [one["off_mm"] for one in judged["views"]] == [[0, 0, 0], pytest.approx([0.6, -0.3, 0])]
-
-
-def test_what_nobody_knows_is_not_the_largest():
-    assert tables._largest_of(np.array([1.0, 2.0, np.nan, 3.0, np.nan])) == (3.0, 1.0)
-
-
-def test_a_dark_view_has_no_viewpoint_and_no_shift():
-    """Its pixels lie beyond the image of the pupil, as behind a stop that is too narrow."""
-    dark = SimpleNamespace(direction=np.full((40, 3), np.nan), origin_mm=np.full((40, 3), np.nan))
-    sensor = SimpleNamespace(width_px=100, height_px=100)
-    ready = SimpleNamespace(camera=SimpleNamespace(sensor=sensor), rays=lambda x, y, accuracy_px: dark)
-    centre_px, vertex_mm = np.full((70, 2), 50.0), np.zeros((70, 2))
-    camera = SimpleNamespace(ready=ready, centre_px=centre_px, vertex_mm=vertex_mm, rig=SimpleNamespace(pitch_mm=0.1))
-
-    assert np.isnan(refocus.viewpoint_mm(ready, centre_px, (4.0, 0.0))[1])
-    assert set(refocus.shifts(camera, 4.0)) == {None}
 
 
 def test_who_mixes_types_or_their_order_is_wrong_about_them():

@@ -10,15 +10,12 @@ import cv2
 import numpy as np
 import pytest
 from laws import rigs
-from places import ROOT
 
 from pipeline.camera.figures.equivalent_pinhole import Pinhole, Projection, pinhole
-from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Group, Prescription, Surface
-from pipeline.scene.load import load
 
 FINE = 1e-6
 """A stop of 0.02 mm seen over 50 mm: across it the weight of rays and their tangents change by 1e-7 [relative]."""
@@ -137,24 +134,6 @@ def mean_rays(asked: Camera, places_px: np.ndarray, distances_mm: np.ndarray) ->
     planes = np.stack([parallel_planes(z, z + 10) for z in distances_mm])
     where = tracer.positions_mm(*places_px.T), np.full(len(places_px), NO_MICROLENS), planes
     return tracer.moments(*where, 1 << 14, np.rint(places_px).astype(np.int64))[:, :2]
-
-
-def test_the_documents_state_what_the_pupil_and_the_pinhole_of_example_01_leave() -> None:
-    """At the paraxial entrance pupil 0.09 px rms, in the fitted centre 0.009 px, with one coefficient 0.0002 px."""
-    page = (ROOT / "docs/outputs.md").read_text(encoding="utf-8")
-    (entry,) = load(ROOT / "examples/01_conventional/dataset.usda").cameras
-    figures, found = report(entry.camera), of(entry.camera)
-    pupil = dataclasses.replace(found, centre_mm=(0.0, 0.0, figures["lens"]["entrance_pupil"]["z_mm"]))
-    paraxial = dataclasses.replace(found.plain, principal_distance_px=figures["principal_distance_px"])
-    places = np.random.default_rng(5).uniform((0, 0), (639, 479), (40, 2))
-    off = []
-    for z_mm in found.planes_mm:
-        points = np.column_stack([mean_rays(entry.camera, places, np.full(40, z_mm)), np.full(40, z_mm)])
-        off.append(projected(pupil, paraxial, points) - places)
-    assert math.sqrt(np.mean(np.sum(np.square(off), axis=-1))) == pytest.approx(0.09, rel=0.15)
-    assert f"pupil at {pupil.centre_mm[2]:.3f} mm, the pinhole at\n  {found.centre_mm[2]:.3f} mm" in page
-    left = f"the pinhole {found.plain.rms_px:.1g} px, and {found.distorted.rms_px:.1g} px with k1"
-    assert f"would leave 0.09 px rms there, {left}" in page
 
 
 def test_a_sensor_beyond_the_image_circle_says_how_much_of_it_is_lit() -> None:
