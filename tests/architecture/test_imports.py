@@ -84,6 +84,7 @@ def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path, monkeypa
     )
     monkeypatch.setenv("PIPELINE_CACHE", str(tmp_path / "store"))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pipeline.app.build.compile_once", lambda *_: None)  # kernels of all other tasks
     assert build(stage, jobs=1, until=("camera",)).executed == 2
     code = (
         "import sys; from pipeline.cli import app;"

@@ -206,6 +206,7 @@ def test_the_centroid_is_that_of_a_rendered_disc(stop: float, radius: float) -> 
     assert stop == 17.1 or np.hypot(*(found.x_px - x)) > 10 * DENSE_CENTROID_PX
 
 
+@pytest.mark.heavy
 def test_of_a_fast_lens_a_centroid_is_known_to_a_thousandth_of_a_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     """At f/2, where coma is wide: with three and four rings it erred by 1.7e-3 px, and stated 0.035."""
     case = case_of(off_axis(17.1, 0.01), discs(1.0), rigs.facing(434.0, 12.0, 40.0, 20.0))

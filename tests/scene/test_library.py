@@ -5,6 +5,7 @@ import pytest
 from laws import rigs
 from places import ROOT
 from pxr import Sdf, Usd, UsdGeom
+from shorter import few
 
 from pipeline.scene.load import load, open_dataset
 from pipeline.scene.targets import read_target
@@ -19,9 +20,10 @@ def name_of(path):
     return path.relative_to(ROOT).as_posix()
 
 
-def test_the_checker_finds_nothing():
+@pytest.mark.parametrize("step", few([3], 1))
+def test_the_checker_finds_nothing(step):
     assert len(LIBRARY) == 61 and len(EXAMPLES) == 12
-    problems = {name_of(path): load(path, look=True).problems for path in ALL}
+    problems = {name_of(path): load(path, look=True).problems for path in ALL[::step]}
 
     assert {name: listed for name, listed in problems.items() if listed} == {}
 
