@@ -24,7 +24,8 @@ from pipeline.scene.lens import (
 )
 from pipeline.scene.microlenses import microlens_index
 from pipeline.scene.usd.problems import Problem, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, need, read, target
 from pipeline.scene.windows import indices_before
 
 

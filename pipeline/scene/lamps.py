@@ -14,7 +14,8 @@ from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.pictures import is_picture, name_of, picture_of
 from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, read_once, take, target_paths
+from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, target_paths
 from pipeline.spelling import frames_in_words
 
 KINDS = {
@@ -99,7 +100,7 @@ def mesh_light(prim: Usd.Prim) -> Rgb:
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
-    take(prim.GetPath())
+    take(prim)
     kind, names, factors = KINDS[str(prim.GetTypeName())]
     unit_mm = stage_mm_per_unit(prim)
     numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterable
-from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -19,18 +18,19 @@ from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry,
 from pipeline.scene.edits import Written, written_on
 from pipeline.scene.lamps import check_shone
 from pipeline.scene.lens import read_lens_entry
-from pipeline.scene.pictures import read_pictures, reading_below
+from pipeline.scene.pictures import read_pictures
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.states import read_camera_entries
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.tolerances import check_effect
-from pipeline.scene.usd.opening import check_instances, open_stage
+from pipeline.scene.usd.opening import check_instances, open_stage, write_out_instances
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, StageError, of_reader, shortened, shown_path, without_followers
+from pipeline.scene.usd.readers import notes_of
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
-from pipeline.scene.usd.values import UnreadableValue, need, unchanging
+from pipeline.scene.usd.values import UnreadableValue, need
 from pipeline.scene.usd.writing_out import write_out
 from pipeline.scene.varied import varied_numbers, with_varied
 from pipeline.scene.views import check_doubts, check_seen, check_speeds
@@ -89,10 +89,9 @@ def load(
             return _refused(problems + wrong)
         if root := find_dataset(stage):
             problems += write_out(stage, frame_numbers(root))
-        roots = allowed_roots(Path(path), allow_roots)
-        with unchanging(), reading_below(roots):
-            loaded = _read(stage, roots, look, [*others.settled(problems), *check(stage, roots, others)])
-            return loaded if later else replace(loaded, doubts=list)
+        notes_of(stage).folders = roots = allowed_roots(Path(path), allow_roots)
+        loaded = _read(stage, look, [*others.settled(problems), *check(stage, roots, others)])
+        return loaded if later else replace(loaded, doubts=list)
     except StageError as error:
         return _refused(error.problems)
     except (Tf.ErrorException, UnicodeDecodeError) as error:
@@ -104,17 +103,21 @@ def load(
         messages.TakeUncoalescedDiagnostics()
 
 
+def _dataset_of(stage: Usd.Stage) -> Dataset:
+    return read_dataset(stage.GetDefaultPrim())
+
+
 def _refused(problems: list[Problem]) -> Loaded:
     return Loaded(dataset=None, problems=problems, flattened="")
 
 
-def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Problem]) -> Loaded:
+def _read(stage: Usd.Stage, look: bool, problems: list[Problem]) -> Loaded:
     loaded = _refused(problems := without_followers(problems))
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
     try:
-        dataset = with_varied(root, read_dataset(root), lambda: read_dataset(root)) if root else None
+        dataset = with_varied(root, read_dataset(root), _dataset_of) if root else None
         cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
     except StageError as error:
         return _refused([*problems, *error.problems])
@@ -126,7 +129,7 @@ def _read(stage: Usd.Stage, roots: list[Path], look: bool, problems: list[Proble
     if dataset:
         problems += check_effect(stage, set().union(*dataset.sources.values()))
     files = tuple(dict.fromkeys(Path(file_of(layer.realPath)) for layer in used_layers(stage)))
-    doubts = partial(copy_context().run, _doubts, stage, cameras, dataset)  # with what readers have answered
+    doubts = partial(_doubts, stage, cameras, dataset)
     read = replace(loaded, dataset=dataset, cameras=cameras, lens=lens, targets=targets, files=files, doubts=doubts)
     if look:
         problems += read.doubts()
@@ -158,10 +161,12 @@ def varied_cameras(
     prim, a little less and more; UsageError if there is no such property, StageError if it holds none to be varied.
     """
     stage, _ = open_stage(path)
-    root = find_dataset(stage)
+    write_out_instances(stage)  # or nothing below one could have another number
+    notes_of(stage).folders = allowed_roots(path, allow_roots)
 
-    def cameras() -> tuple[CameraEntry, ...]:
-        return read_dataset(root).cameras if root else read_camera_entries(stage)
+    def cameras(varied: Usd.Stage) -> tuple[CameraEntry, ...]:
+        root = find_dataset(varied)
+        return read_dataset(root).cameras if root else read_camera_entries(varied)
 
     top = (stage.GetDefaultPrim() or stage.GetPseudoRoot()).GetPath()
     wanted = Sdf.Path(number).MakeAbsolutePath(top) if Sdf.Path.IsValidPathString(number) else None
@@ -170,8 +175,7 @@ def varied_cameras(
         hint = did_you_mean(number, properties) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
         raise UsageError(f"{path} has no property {number!r}", hint=hint)
     try:
-        with unchanging(), reading_below(allowed_roots(path, tuple(allow_roots))):
-            return list(varied_numbers(stage, wanted, cameras))
+        return list(varied_numbers(stage, wanted, cameras))
     except UnreadableValue as error:
         raise StageError([of_reader(error.thing, error)]) from None
 

@@ -19,7 +19,8 @@ from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.scene.channels import channel_prims, illuminant_of, wavelengths_of
 from pipeline.scene.lens import medium_behind
 from pipeline.scene.usd.problems import Problem, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, read_once, target
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, target
 from pipeline.scene.windows import surfaces_before_sensor
 
 _BLAMED = {

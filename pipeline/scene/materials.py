@@ -14,7 +14,8 @@ from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades, value
 from pipeline.scene.targets import is_preview
 from pipeline.scene.usd.meshes import Drawn, alike, drawn, is_animated, is_drawn, likeness_with_above, look, of_prim
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, plain, read, read_once, targets
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, plain, read, targets
 
 
 @read_once

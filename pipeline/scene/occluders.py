@@ -24,7 +24,8 @@ from pipeline.scene.usd.poses import (
     world_from,
 )
 from pipeline.scene.usd.problems import Problem, not_drawn, over_limit, problem
-from pipeline.scene.usd.values import read, read_once, target, targets
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import read, target, targets
 from pipeline.scene.windows import prescription_of
 from pipeline.targets.mesh import Occluder
 

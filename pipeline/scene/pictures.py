@@ -2,9 +2,6 @@
 
 import base64
 import hashlib
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
-from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,12 +13,12 @@ from pipeline.limits import how_to_raise, limits
 from pipeline.machine.process import hushed
 from pipeline.scene.dataset import PictureEntry
 from pipeline.scene.targets import is_in_preview
+from pipeline.scene.usd.readers import notes_of, read_once
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, having, read_once
+from pipeline.scene.usd.values import NotSupported, UnreadableValue
 
 SPACES = ("auto", "raw", "sRGB")
 """Colour spaces of a UsdUVTexture."""
-_ROOTS: ContextVar[tuple[Path, ...]] = ContextVar("folders from which pictures are read", default=())
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +30,6 @@ class PictureFile:
     least: float
     most: float
     least_opacity: float  # of the fourth component; 1 without any
-
-
-def reading_below(roots: Iterable[Path]) -> AbstractContextManager[Any]:
-    """Context in which pictures are read, from these folders alone."""
-    return having(_ROOTS, tuple(roots))
 
 
 def file_attribute(texture: UsdShade.Shader) -> Usd.Attribute:
@@ -100,14 +92,14 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
     if not isinstance(value, Sdf.AssetPath) or not value.path:
         raise NotSupported(f'"{attribute.GetName()}" names no file', attribute)
     try:
-        return _inspected(value.path, value.resolvedPath, _ROOTS.get())
+        return _inspected(attribute.GetStage(), value.path, value.resolvedPath)
     except PipelineError as error:
         code = error.code or "bad-picture"
         raise UnreadableValue(f"@{value.path}@ {error.message}", attribute, error.hint, code) from None
 
 
 @read_once
-def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile:
+def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
     """A picture; PipelineError, without the name of the file, for what is wrong with it."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
@@ -121,7 +113,7 @@ def _inspected(asset: str, path: str, roots: tuple[Path, ...]) -> PictureFile:
         hint = f"known are files that end in {', '.join(SUFFIXES)}"
         raise PipelineError("is no picture of a kind that is read", hint=hint, code=NotSupported.code)
     file = file_of(path)
-    if not is_inside(file, roots):
+    if not is_inside(file, notes_of(stage).folders):
         what = "lies outside the folders that a stage may read"
         raise PipelineError(what, hint=OUTSIDE_HINT, code="asset-outside")
     try:

@@ -30,7 +30,8 @@ from pipeline.scene.usd.poses import (
     world_from,
 )
 from pipeline.scene.usd.problems import Problem, metadata_problem, not_drawn, problem, shortened, warning
-from pipeline.scene.usd.values import Sources, need, read, target_paths, targets
+from pipeline.scene.usd.readers import Sources
+from pipeline.scene.usd.values import need, read, target_paths, targets
 from pipeline.spelling import frames_in_words
 
 LONGEST_NAME = 200
@@ -61,7 +62,7 @@ _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
 
 def read_dataset(root: Usd.Prim) -> Dataset:
     """The records of a PlenDataset whose stage passed the checks."""
-    sources = Sources()
+    sources = Sources(root.GetStage())
     dataset = sources.reading("dataset", _read_dataset, root, sources)
     return replace(dataset, sources={part: tuple(sorted(paths)) for part, paths in sources.items()})
 

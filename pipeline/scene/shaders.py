@@ -18,7 +18,8 @@ from pipeline.scene.lamps import is_mesh_light, mesh_light
 from pipeline.scene.pictures import file_attribute, first_of, name_of, picture_of
 from pipeline.scene.usd.meshes import drawn, look
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
-from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain, read_once, take
+from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
 from pipeline.targets.mesh import is_closed
 
 _COLOUR = 3
@@ -75,7 +76,7 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     """Materials of a shape, the first that of all its faces, and which one the faces of its subsets have."""
     shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
-        take(subset.GetPath())
+        take(subset.GetPrim())
         faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
         of_face = dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded)) | of_face
         if faces.ValueMightBeTimeVarying():
@@ -210,7 +211,7 @@ def _differs(field: Input, idle: Numbers) -> bool:
 
 def _surface(material: UsdShade.Material) -> UsdShade.Shader:
     """The UsdPreviewSurface of a material."""
-    place = material.GetPrim()
+    take(place := material.GetPrim())
     shaders = [material.ComputeSurfaceSource(context)[0] for context in _SURFACES]
     shader = next((shader for shader in shaders if shader and shader.GetShaderId() == "UsdPreviewSurface"), shaders[0])
     if not shader:
@@ -218,7 +219,7 @@ def _surface(material: UsdShade.Material) -> UsdShade.Shader:
         others = f", only {', '.join(contexts)}" if contexts else ""
         what = f"<{place.GetPath()}> has no surface for all renderers{others}"
         raise NotSupported(what, place, hint="connect its outputs:surface to a UsdPreviewSurface")
-    return _known(shader, place, "UsdPreviewSurface")
+    return _known(shader, "UsdPreviewSurface")
 
 
 class _Connected(NamedTuple):
@@ -257,13 +258,12 @@ class _Network:
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
         """Origin of an input: a value, a connection to a shader, or None for its fallback."""
         given = shader.GetInput(name)
-        attributes = given.GetValueProducingAttributes() if given else []
-        if not attributes:
+        attribute = next(iter(given.GetValueProducingAttributes() if given else ()), None)
+        if attribute is None:
             if given and (lost := given.GetAttr().GetConnections()):
                 what = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
                 self.flaws.append(not_drawn(given.GetAttr(), what, "write that output, or a value"))
             return None
-        attribute = attributes[0]
         if UsdShade.Output.IsOutput(attribute):
             return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
         value = self._first(attribute)
@@ -289,7 +289,7 @@ class _Network:
 
     def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
         """Name of the primvar of a reader."""
-        name = str(self.value(_known(reader, reader.GetPrim(), reader.GetShaderId()), "varname", "st"))
+        name = str(self.value(_known(reader, reader.GetShaderId()), "varname", "st"))
         if not reader.GetInput("varname"):
             self.flaws.append(not_drawn(reader.GetPrim(), 'it names no primvar by "inputs:varname": st is read'))
         given = self.value(reader, "fallback", (0.0,) * len(fallback))
@@ -308,7 +308,7 @@ class _Network:
         return Input(value=fallback, texture=texture)
 
     def _texture(self, source: _Connected, components: int) -> Texture:
-        shader = _known(source.shader, source.shader.GetPrim(), "UsdUVTexture")
+        shader = _known(source.shader, "UsdUVTexture")
         if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
             what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
             hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
@@ -341,7 +341,7 @@ class _Network:
             if shader.GetShaderId() != "UsdTransform2d":
                 break
             whole = _chained(whole, self._transform(shader))
-        reader = _known(shader, shader.GetPrim(), "UsdPrimvarReader_float2")
+        reader = _known(shader, "UsdPrimvarReader_float2")
         return whole, self._primvar(reader, (0.0, 0.0))
 
     def _transform(self, shader: UsdShade.Shader) -> Numbers:
@@ -381,13 +381,13 @@ def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
     }
 
 
-def _known(shader: UsdShade.Shader, place: Usd.Prim, wanted: str) -> UsdShade.Shader:
+def _known(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
     """The shader, if it is the wanted one."""
     if shader.GetShaderId() != wanted:
         what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
         known = "UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader"
         raise NotSupported(what, shader.GetPrim(), hint=f"connect a {wanted}; known are {known}")
-    take(place.GetPath(), shader.GetPath())
+    take(shader.GetPrim())
     return shader
 
 

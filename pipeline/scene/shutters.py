@@ -10,6 +10,7 @@ from pipeline.motion import Motion, Shutter
 from pipeline.scene.dataset import Motions
 from pipeline.scene.usd.curves import bends, extent
 from pipeline.scene.usd.meshes import is_animated
+from pipeline.scene.usd.overrides import at_code
 from pipeline.scene.usd.poses import (
     Times,
     ancestry,
@@ -22,7 +23,8 @@ from pipeline.scene.usd.poses import (
     xform_ops,
 )
 from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
-from pipeline.scene.usd.values import at_code, need, read, take, target
+from pipeline.scene.usd.readers import take
+from pipeline.scene.usd.values import need, read, target
 from pipeline.spelling import frames_in_words
 
 _ORDER, _OPENS = "plen:shutter:scanOrder", "plen:shutter:opens"
@@ -162,7 +164,7 @@ def pieces_s(window_s: tuple[float, float], bends_s: Iterable[float]) -> np.ndar
 
 
 def codes_per_second(prim: Usd.Prim) -> float:
-    take("/")  # metadata of the layer
+    take(prim.GetStage().GetPseudoRoot())  # metadata of the layer
     return float(prim.GetStage().GetTimeCodesPerSecond())
 
 
@@ -180,9 +182,9 @@ def check_motions(
     """
     unit_mm, shutters = stage_mm_per_unit(root), dict[tuple[Usd.Prim, Shutter], list[int]]()
     for camera, number in itertools.product(cameras, frame_numbers(root)):
-        with at_code(number):
-            if _is_readable(camera) and (shutter := read_shutter(camera)):
-                shutters.setdefault((camera, shutter), []).append(number)
+        camera_then = at_code(camera, number)
+        if _is_readable(camera_then) and (shutter := read_shutter(camera_then)):
+            shutters.setdefault((camera, shutter), []).append(number)
     for (camera, shutter), numbers in shutters.items():
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]

@@ -13,9 +13,11 @@ from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.shutters import check_shutter, codes_per_second, read_shutter
 from pipeline.scene.usd.curves import bends
+from pipeline.scene.usd.overrides import at_code, varying
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, of_reader, problem
-from pipeline.scene.usd.values import UnreadableValue, at_code, numbers, read, read_once, target
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, numbers, read, target
 from pipeline.scene.windows import standing_windows, windows_in_frame
 from pipeline.spelling import frames_in_words
 
@@ -47,8 +49,8 @@ def read_states(
     """A camera in each state of its lens and sensor, and the frames that have it; most cameras are in one state."""
     states = list[tuple[CameraEntry, list[int]]]()
     for number in numbers if changes(prim) or standing_windows(prim) else numbers[:1]:
-        with at_code(number):
-            entry = _with_windows(read_camera_entry(prim, root, seed), prim, number)
+        camera = at_code(prim, number)
+        entry = _with_windows(read_camera_entry(camera, root, seed), camera, number)
         frames = next((frames for state, frames in states if state == entry), None)
         if frames is None:
             states.append((entry, [number]))
@@ -76,12 +78,7 @@ def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
     links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
     parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
     prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
-    return [
-        attribute
-        for prim in prims
-        for attribute in prim.GetAuthoredAttributes()
-        if attribute.GetName().startswith("plen:") and attribute.ValueMightBeTimeVarying()
-    ]
+    return [attribute for prim in prims for attribute in varying(prim)]
 
 
 def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
@@ -91,9 +88,9 @@ def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
     varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]
     changed = dict[Usd.Attribute, list[tuple[int, str]]]()
     for code in codes if size_px and varying else ():
-        with at_code(code):
-            if any(check_shutter(camera)) or (shutter := read_shutter(camera)) is None:
-                continue
+        camera_then = at_code(camera, code)
+        if any(check_shutter(camera_then)) or (shutter := read_shutter(camera_then)) is None:
+            continue
         opens, closes = (code + time_s * codes_per_second(camera) for time_s in shutter.window_s(size_px))
         for attribute in varying:
             try:

@@ -16,7 +16,8 @@ from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Drawn, fans, polygons_of
 from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, read_once, target
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.target import PATTERNS, SURFACES, AnyTarget, Target

@@ -13,8 +13,8 @@ from typing import Any
 
 from pxr import Sdf, Usd
 
-from pipeline.scene.usd.entries import Samples, edited, entries, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.opening import open_stage
+from pipeline.scene.usd.overrides import Samples, entries, layer_of, moved_by, name_of, samples_of, unit_of
 from pipeline.scene.usd.problems import Problem, problem, warning
 from pipeline.scene.usd.values import need, read, rule_of, target_paths
 from pipeline.scene.write.text import lay_over, text_of
@@ -82,8 +82,7 @@ def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
                 samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
             if tolerance.spread:
                 values[path] = samples
-    with edited(composed, values) as layer:
-        pass
+    layer = layer_of(composed, values)
     about = f"Member {member} of an ensemble of cameras as built, written by pipeline ensemble."
     lay_over(stage, layer, out, [about])
     return text_of(layer), numbers

@@ -1,22 +1,22 @@
 """Numbers of a stage by which the ground truth has derivatives: what is read with each a little less, and more.
 
-A stage is edited in a layer of its own, read again, and left as it was. So any number may be meant that a reader takes
-from it, with all that follows from it: of a camera that is focused at a distance, a radius moves the focus, too.
+Any number may be meant that a reader takes from a stage, with all that follows from it: of a camera that is focused at
+a distance, a radius moves the focus, too.
 """
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
 from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import VISION_FROM_CAMERA
 from pipeline.scene.dataset import Dataset, VariedNumber
-from pipeline.scene.usd.entries import edited, entries, moved_by, name_of, samples_of, unit_of
+from pipeline.scene.usd.overrides import Overrides, entries, moved_by, name_of, overridden, samples_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.problems import Problem, StageError, problem
-from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets, unchanging
+from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets
 
 ASKED = "plen:truth:derivatives"
 """Relationship of a camera to the numbers by which its rows have derivatives."""
@@ -32,16 +32,17 @@ _POSE = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("turn_x", "deg"), ("turn_y", "d
 _COEFFICIENTS = {"plen:evenCoefficients": 2, "plen:oddCoefficients": 3}
 """Powers of the first coefficients of aspheres; those that follow have two more each."""
 R = TypeVar("R")
+_ALWAYS = Usd.TimeCode.Default()
 
 
-def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Dataset]) -> Dataset:
+def with_varied(root: Usd.Prim, dataset: Dataset, reader: Callable[[Usd.Stage], Dataset]) -> Dataset:
     """The dataset with all numbers by which its cameras ask for derivatives; StageError with all that have none."""
     varied, problems = {}, list[Problem]()
     for camera in targets(root, "plen:cameras", "Camera"):
         relationship, asked = camera.GetRelationship(ASKED), list[VariedNumber[Dataset]]()
         for path in target_paths(relationship):
             try:
-                asked += _varied(root, path, dataset, read_again)
+                asked += _varied(root, path, dataset, reader)
             except UnreadableValue as error:  # the wish is wrong, not what it names
                 problems.append(problem(relationship, error.code, error.message, hint=error.hint))
         if asked:
@@ -55,34 +56,38 @@ def with_varied(root: Usd.Prim, dataset: Dataset, read_again: Callable[[], Datas
 
 
 def _varied(
-    root: Usd.Prim, path: Sdf.Path, dataset: Dataset, read_again: Callable[[], Dataset]
+    root: Usd.Prim, path: Sdf.Path, dataset: Dataset, reader: Callable[[Usd.Stage], Dataset]
 ) -> Iterator[VariedNumber[Dataset]]:
     if path.IsPropertyPath():
-        yield from varied_numbers(root.GetStage(), path, read_again)
+        yield from varied_numbers(root.GetStage(), path, reader)
         return
+    prim = root.GetStage().GetPrimAtPath(path)
     is_camera = str(path) in [entry.prim_path for entry in dataset.cameras]
     if not is_camera and str(path) not in [entry.prim_path for entry in dataset.targets]:
         hint = "name a camera or a target, of which it is the pose, or one property: </Rig/Lens/Front.plen:radius>"
         message = f"rows have no derivative by <{path}>, which is neither a camera nor a target of the dataset"
-        raise UnreadableValue(message, root.GetStage().GetPrimAtPath(path), hint, "no-derivative")
+        raise UnreadableValue(message, prim, hint, "no-derivative")
     for axis, (name, unit) in enumerate(_POSE):
         of_axis = VISION_FROM_CAMERA[axis % 3, axis % 3] if is_camera else 1.0
-        ends = [_posed(root.GetStage(), path, axis, sign * of_axis * _POSE_STEP, read_again) for sign in (-1, 1)]
-        yield VariedNumber(name=f"{path} {name}", unit=unit, step=_POSE_STEP, less=ends[0], more=ends[1])
+        less, more = (
+            reader(overridden(root.GetStage(), _posed(prim, axis, sign * of_axis * _POSE_STEP))) for sign in (-1, 1)
+        )
+        yield VariedNumber(name=f"{path} {name}", unit=unit, step=_POSE_STEP, less=less, more=more)
 
 
-def _posed(stage: Usd.Stage, path: Sdf.Path, axis: int, by: float, read_again: Callable[[], R]) -> R:
-    """A reading of the stage with a camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
-    prim, step = stage.GetPrimAtPath(path), Gf.Vec3d()
+def _posed(prim: Usd.Prim, axis: int, by: float) -> Overrides:
+    """A camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
+    order, step = UsdGeom.Xformable(prim).GetXformOpOrderAttr(), Gf.Vec3d()
     step[axis % 3] = by if axis >= 3 else by / stage_mm_per_unit(prim)
-    with edited(stage, {}) as layer, Usd.EditContext(stage, layer), unchanging():
-        add = UsdGeom.Xformable(prim).AddRotateXYZOp if axis >= 3 else UsdGeom.Xformable(prim).AddTranslateOp
-        add(UsdGeom.XformOp.PrecisionDouble, "varied").Set(step)  # the last one is applied first
-        return read_again()
+    name = "xformOp:rotateXYZ:varied" if axis >= 3 else "xformOp:translate:varied"
+    ops = Vt.TokenArray([*(order.Get() or ()), name])  # the last one is applied first
+    return {prim.GetPath().AppendProperty(name): {_ALWAYS: step}, order.GetPath(): {_ALWAYS: ops}}
 
 
-def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]) -> Iterator[VariedNumber[R]]:
-    """Each number of a property, with what is read again; UnreadableValue if it holds none that can be varied."""
+def varied_numbers(stage: Usd.Stage, path: Sdf.Path, reader: Callable[[Usd.Stage], R]) -> Iterator[VariedNumber[R]]:
+    """Each number of a property, with what is read of the stage with it a little less and more; UnreadableValue if it
+    holds none that can be varied.
+    """
     attribute = stage.GetAttributeAtPath(path)
     values = samples_of(attribute)
     first: Any = next(iter(values.values()), None)
@@ -100,8 +105,7 @@ def varied_numbers(stage: Usd.Stage, path: Sdf.Path, read_again: Callable[[], R]
                 message = f"rows have no derivative by <{path}>: {entry:.10g} ends its range, {rule.span}"
                 raise UnreadableValue(message, attribute, "move it by a thousandth", "no-derivative")
             try:
-                with edited(stage, {path: moved}), unchanging():
-                    ends.append((entries(next(iter(moved.values())))[i], read_again()))
+                ends.append((entries(next(iter(moved.values())))[i], reader(overridden(stage, {path: moved}))))
             except CameraError as error:
                 message = f"rows have no derivative by <{path}>: a little off {entry:.10g}, {error.message}"
                 raise UnreadableValue(message, attribute, error.hint, "no-derivative") from None

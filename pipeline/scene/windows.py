@@ -27,7 +27,8 @@ from pipeline.scene.lens import (
 )
 from pipeline.scene.usd.poses import ancestry, inverse, moving_op, product, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, problem, warning
-from pipeline.scene.usd.values import UnreadableValue, need, read, read_once, target, targets
+from pipeline.scene.usd.readers import read_once
+from pipeline.scene.usd.values import UnreadableValue, need, read, target, targets
 from pipeline.spelling import did_you_mean
 
 WINDOWS = "plen:camera:windows"

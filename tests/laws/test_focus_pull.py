@@ -151,6 +151,8 @@ def test_whatever_may_change_is_that_of_its_frame(tmp_path, sensor, lens):
     ("camera", "lens", "code"),
     [
         (focused(".timeSamples = {1: 420, 2: 30}"), "", "out-of-reach"),
+        (focused(".timeSamples = {1: 420, 2: None}"), "", "unreadable-value"),
+        (focused(".spline = {\n1: 420; post none,\n3: 420,\n}"), "", "unreadable-value"),
         ("", 'over "S1"\n{\ndouble plen:thickness.timeSamples = {1: 8.8, 2: 1}\n}', "surfaces-cross"),
         ("", 'over "S1"\n{\nuniform double plen:radius.timeSamples = {1: 38.9, 2: 40}\n}', "uniform-animated"),
     ],

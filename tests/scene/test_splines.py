@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from places import DATA
-from stage_text import over_tiny, stage_in
+from pxr import Usd
+from stage_text import edited, over_tiny, stage_in
 
-from pipeline.scene.load import Loaded, load, varied_cameras
+from pipeline.scene.load import Loaded, load, open_dataset, varied_cameras
 from pipeline.scene.usd.problems import StageError
 
 DISTANCE, FREE = "double plen:camera:sensorDistance", "double plen:camera:focusDistance = None"
@@ -30,6 +31,20 @@ def test_a_focus_pull_by_a_spline_has_its_value_in_each_frame_and_no_derivative(
     assert found == pytest.approx([131.8, np.polyval(to_power @ places, u)], abs=1e-10)
     with pytest.raises(StageError, match="it is a spline"):
         varied_cameras(tmp_path / "dataset.usda", "Rig/Camera.plen:camera:sensorDistance", [DATA])
+
+
+def test_steps_of_a_number_that_changes_are_steps_in_all_its_frames_at_any_rate(tmp_path):
+    asked = "rel plen:truth:derivatives = </TinyConventional/Rig/Camera.plen:camera:sensorDistance>"
+    path = stage_in(tmp_path, over_tiny(f"{FREE}\n{DISTANCE}.timeSamples = {{1: 131.8, 2: 131.9}}\n{asked}"))
+    text = Usd.Stage.Open(str(path)).ExportToString()  # one file, as rates of files must agree
+    for rate in (24, 1000):
+        changed = edited(text, ("timeCodesPerSecond = 24", f"timeCodesPerSecond = {rate}"))
+        dataset = open_dataset(stage_in(tmp_path, changed))
+        ((number,),) = dataset.varied.values()
+        assert 0 < number.step < 0.01
+        for end, step in ((dataset, 0), (number.less, -number.step), (number.more, number.step)):
+            found = [entry.camera.sensor_distance_mm for entry in end.cameras]
+            assert found == pytest.approx([131.8 + step, 131.9 + step], abs=1e-12)
 
 
 RADIUS = 'over "S1" {\nuniform double plen:radius.spline = { 1: 60; post linear, 2: 61 }\n}'

@@ -23,12 +23,13 @@ from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
-from pipeline.scene.states import changes, check_held, is_camera
+from pipeline.scene.states import check_held, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.meshes import alike, likeness
 from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.overrides import at_code, changing, check_changing
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
@@ -43,7 +44,7 @@ from pipeline.scene.usd.problems import (
 )
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import Range, UnreadableValue, at_code
+from pipeline.scene.usd.values import Range, UnreadableValue
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -116,11 +117,12 @@ def check(stage: Usd.Stage, roots: list[Path], others: Others) -> list[Problem]:
     parts = _parts(prims)
     if over := [problem for prim in parts for problem in check_budgets(prim)]:
         return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
-    codes = _codes(stage, parts)
+    codes = _codes(stage)
+    if blank := list(check_changing(stage, codes)):
+        return list(dict.fromkeys([*problems, *blank]))  # the further checks look at these time codes
     for prim in parts:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
-            with at_code(code):
-                problems += _check_whole(prim, wrong)
+            problems += _check_whole(at_code(prim, code), wrong)
         problems += check_held(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
     problems += check_unnamed_windows(parts, list(filter(is_camera, parts)))
     problems += check_only_dataset(stage)
@@ -131,8 +133,7 @@ def check(stage: Usd.Stage, roots: list[Path], others: Others) -> list[Problem]:
         for prim in parts:
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
             for code in codes if is_camera(prim) else ():
-                with at_code(code):
-                    problems += check_planes(prim)
+                problems += check_planes(at_code(prim, code))
         problems += others.settled(check_poses(root)) if root else []
         problems += check_units(stage, others)
     return list(dict.fromkeys(problems))
@@ -143,10 +144,10 @@ def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
     return [prim for prim in ours if prim.IsActive() and not prim.IsAbstract()]
 
 
-def _codes(stage: Usd.Stage, prims: list[Usd.Prim]) -> list[float]:
-    """Time codes at which lenses and cameras are checked: those of all frames if any camera changes, else any."""
+def _codes(stage: Usd.Stage) -> list[float]:
+    """Time codes at which lenses and cameras are checked: those of all frames if any of them changes, else any."""
     root = find_dataset(stage)
-    frames = frame_numbers(root) if root and any(changes(prim) for prim in prims if is_camera(prim)) else ()
+    frames = frame_numbers(root) if root and changing(stage) else ()
     return [float(number) for number in frames[: limits().frames]] or [0.0]
 
 
@@ -327,7 +328,7 @@ def _origins(node: Pcp.NodeRef) -> list[Pcp.NodeRef]:
 
 def _specs(node: Pcp.NodeRef) -> list[Sdf.PrimSpec]:
     specs = [layer.GetPrimAtPath(node.path) for layer in node.layerStack.layers]
-    return [spec for spec in specs if spec]
+    return [spec for spec in specs if spec and not spec.layer.anonymous]
 
 
 def _names(node: Pcp.NodeRef) -> set[str]:

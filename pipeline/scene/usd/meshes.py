@@ -13,7 +13,8 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.scene.usd.poses import stage_mm_per_unit
-from pipeline.scene.usd.values import numbers, read, read_once, take
+from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.values import numbers, read
 from pipeline.targets import solids
 from pipeline.targets.solids import Solid
 
@@ -168,7 +169,7 @@ def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
 @partial(read_once, named=of_prim)
 def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     """The triangles of a Mesh or a solid at a time, by default the earliest one."""
-    take(prim.GetPath())
+    take(prim)
     if str(prim.GetTypeName()) in _SOLIDS:
         return _of_solid(prim, _code(time))
     polygons = polygons_of(prim, time)
@@ -192,7 +193,7 @@ def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
 
 def fans(mesh: UsdGeom.Mesh) -> Drawn:
     """The triangles of a mesh as it is written, n - 2 of a face with n corners; ValueError if the faces contradict."""
-    take(mesh.GetPath())
+    take(mesh.GetPrim())
     polygons = polygons_of(mesh.GetPrim(), None)
     if polygons.flaws:
         raise ValueError(polygons.flaws[0])

@@ -10,9 +10,9 @@ from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
 from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
+from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.roots import library_path, real_path
 from pipeline.scene.usd.usda_lines import line_of, text_map
-from pipeline.scene.usd.values import read_once
 from pipeline.spelling import nearest
 
 _SYNTAX = re.compile(

@@ -14,7 +14,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 from pipeline.scene.usd.poses import is_op
 from pipeline.scene.usd.problems import Problem, at_opinion, saying, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
-from pipeline.scene.usd.values import NotSupported, UnreadableValue, forget
+from pipeline.scene.usd.values import NotSupported, UnreadableValue
 
 _SILENT = (
     *("api-not-applicable", "no-pose-sample", "over-without-def", "text", "uniform-animated", "unknown-api"),
@@ -75,7 +75,6 @@ class Others:
             elif each.code in _OF_READERS and thing and thing.GetPrim().HasAPI(UsdLux.LightAPI):
                 with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
                     UsdGeom.Imageable(thing.GetPrim()).CreatePurposeAttr(UsdGeom.Tokens.guide)
-                forget()
                 yield replace(each, severity="warning", hint="it is left out")
             elif each.code in (*_BLOCKED, *_OF_READERS) and isinstance(thing, Usd.Attribute):
                 yield from self._blocked(each, thing)

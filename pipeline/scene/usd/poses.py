@@ -13,7 +13,8 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
 from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
-from pipeline.scene.usd.values import plain, read, read_once, take
+from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.values import plain, read
 
 Times = Sequence[float | Usd.TimeCode]
 """Time codes; of USD's own kind also those just before a jump."""
@@ -33,7 +34,7 @@ def ancestry(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     """Operations of a prim's own transform; the first one listed is applied last."""
     ops = list(UsdGeom.Xformable(prim).GetOrderedXformOps())
-    take(prim.GetPath().AppendProperty("xformOpOrder"), *(op.GetAttr().GetPath() for op in ops))
+    take(prim, "xformOpOrder", *(op.GetAttr().GetName() for op in ops))
     return ops
 
 
@@ -61,7 +62,7 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
     """Whether a prim may be visible in some frames and invisible in others."""
     if prim.IsPseudoRoot():
         return False
-    take(prim.GetPath().AppendProperty("visibility"))
+    take(prim, "visibility")
     return comes_and_goes(prim.GetParent()) or prim.GetAttribute("visibility").ValueMightBeTimeVarying()
 
 
@@ -149,8 +150,8 @@ def frame_numbers(root: Usd.Prim) -> Sequence[int]:
     frames = read(root, "plen:frames")
     if frames:
         return tuple(sorted(set(frames)))
-    take("/")  # metadata of the layer
     stage = root.GetStage()
+    take(stage.GetPseudoRoot())  # metadata of the layer
     if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
         return ()
     start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()

@@ -17,7 +17,7 @@ from pipeline.scene.usd.meshes import (
     tolerance_of,
 )
 from pipeline.scene.usd.poses import stage_mm_per_unit
-from pipeline.scene.usd.values import read_once
+from pipeline.scene.usd.readers import read_once
 from pipeline.targets.subdivision import BILINEAR, LOOP, Cage, Levels, NotManifold
 
 __all__ = ["NotManifold", "refined"]

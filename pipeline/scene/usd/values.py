@@ -3,26 +3,16 @@
 import functools
 import math
 import re
-from collections.abc import Callable, Hashable, Iterator
-from contextlib import AbstractContextManager, contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar, cast, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from pxr import Gf, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.records.declared import attributes_of
+from pipeline.scene.usd.readers import read_once, take
 
-F = TypeVar("F", bound=Callable[..., Any])
-R = TypeVar("R")
-_ANSWERS: ContextVar[dict[tuple[Any, ...], Any] | None] = ContextVar("answers of readers of a stage", default=None)
-_TAKEN: ContextVar[set[str] | None] = ContextVar(
-    "properties from which the record being read takes values", default=None
-)
-
-_CODE: ContextVar[float] = ContextVar("time code at which values are read", default=0.0)
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
 )
@@ -33,70 +23,6 @@ LENS_DISTORTION = frozenset(
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
 """Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
-
-
-@contextmanager
-def having(variable: ContextVar[Any], value: R) -> Iterator[R]:
-    """Context in which a variable has a value."""
-    token = variable.set(value)
-    try:
-        yield value
-    finally:
-        variable.reset(token)
-
-
-def unchanging() -> AbstractContextManager[Any]:
-    """Context in which no stage changes: a reader with `read_once` gives its first answer again."""
-    return having(_ANSWERS, {})
-
-
-def at_code(code: float) -> AbstractContextManager[Any]:
-    """Context in which readers see a stage at a time code: most attributes of ours have the same value at all."""
-    return having(_CODE, code)
-
-
-def take(*paths: str | Sdf.Path) -> None:
-    """Note that the record that is being read takes values from these properties, or from whole prims."""
-    if (taken := _TAKEN.get()) is not None:
-        taken.update(map(str, paths))
-
-
-class Sources(dict[str, set[str]]):
-    """Paths of the properties, and of whole prims, from which each part of a record was read."""
-
-    def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
-        """The answer of a reader, which is a part of the record."""
-        with having(_TAKEN, set[str]()) as taken:
-            answer = reader(*arguments)
-        self.setdefault(part, set()).update(taken)
-        return answer
-
-
-def read_once(reader: F, named: Callable[..., Hashable] | None = None) -> F:
-    """Decorate a reader, which is asked again. `named`: what its answer depends on, by default all arguments."""
-
-    @functools.wraps(reader)
-    def asked(*arguments: Any) -> Any:
-        answers = _ANSWERS.get()
-        if answers is None:
-            return reader(*arguments)
-        key = reader, _CODE.get(), named(*arguments) if named else arguments
-        if (answered := answers.get(key)) is None:
-            token = _TAKEN.set(taken := set[str]())  # as `having`, which costs more than many readers
-            try:
-                answered = answers[key] = reader(*arguments), taken
-            finally:
-                _TAKEN.reset(token)
-        if answered[1] and (taking_all := _TAKEN.get()) is not None:
-            taking_all.update(answered[1])
-        return answered[0]
-
-    return cast(F, asked)
-
-
-def forget() -> None:
-    """Forget the answers of readers, because the stage was changed."""
-    (_ANSWERS.get() or {}).clear()
 
 
 class UnreadableValue(PipelineError):
@@ -328,15 +254,21 @@ def read(prim: Usd.Prim, name: str) -> Any:
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
         return None
-    take(attribute.GetPath())
+    take(prim, name)
     if not attribute.HasAuthoredValue():
         return rule.fallback
-    value = attribute.Get(_CODE.get())
-    if times := attribute.ValueMightBeTimeVarying() and attribute.GetBracketingTimeSamples(_CODE.get()):
-        first, last = map(attribute.Get, times)  # between two equal samples USD's interpolation rounds
-        value = first if first == last else value
+    value = value_at(attribute, 0.0)
     # In USD an opinion of a wrong type wins, although the attribute has the type of the schema.
     return plain(value) if value is not None and rule.holds(value) else None
+
+
+def value_at(attribute: Usd.Attribute, code: float) -> Any:
+    """Value of an attribute at a time code, between two equal samples exactly theirs: USD's interpolation rounds."""
+    value = attribute.Get(code)
+    if times := attribute.ValueMightBeTimeVarying() and attribute.GetBracketingTimeSamples(code):
+        first, last = map(attribute.Get, times)
+        return first if first == last else value
+    return value
 
 
 def need(prim: Usd.Prim, name: str) -> Any:
@@ -385,7 +317,7 @@ def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
     """Paths to which a relationship points; empty if an attribute was written in its place."""
     try:
         if relationship:
-            take(relationship.GetPath())
+            take(relationship.GetPrim(), relationship.GetName())
         return list(relationship.GetTargets()) if relationship else []
     except Tf.ErrorException:
         return []

@@ -15,7 +15,8 @@ from pipeline.plugins.scenes.lighting.lit_scene import LitScene
 from pipeline.render.lighting.records import Finish, Material, PlacedLamp, Shaping
 from pipeline.scene.materials import read_finish
 from pipeline.scene.occluders import read_occluder
-from pipeline.scene.pictures import name_of, named_by, picture_of, reading_below
+from pipeline.scene.pictures import name_of, named_by, picture_of
+from pipeline.scene.usd.readers import notes_of
 from pipeline.targets.mesh import Occluder
 
 
@@ -108,12 +109,12 @@ class Both:
     def sheets(self, file: Path, theirs: dict[str, dict[str, Any]]) -> None:
         """The polygons of a stage in millimetres, whose world is the vision frame; Mitsuba's part of each by name."""
         stage = Usd.Stage.Open(str(file))
-        with reading_below([file.parent]):
-            for attribute, space in (named for prim in stage.TraverseAll() for named in named_by(prim)):
-                picture = picture_of(attribute)
-                self.pictures[name_of(attribute, space)] = decoded(picture.content, picture.suffix, space)
-            for prim in (prim for prim in stage.TraverseAll() if prim.IsA(UsdGeom.Mesh)):
-                self.things.append((read_occluder(prim), read_finish(prim)))
+        notes_of(stage).folders = [file.parent]
+        for attribute, space in (each for prim in stage.TraverseAll() for each in named_by(prim)):
+            picture = picture_of(attribute)
+            self.pictures[name_of(attribute, space)] = decoded(picture.content, picture.suffix, space)
+        for prim in (prim for prim in stage.TraverseAll() if prim.IsA(UsdGeom.Mesh)):
+            self.things.append((read_occluder(prim), read_finish(prim)))
         for name, more in theirs.items():
             mesh = UsdGeom.Mesh.Get(stage, f"/{name}")
             st = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("st").Get()

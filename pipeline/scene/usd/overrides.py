@@ -1,0 +1,147 @@
+"""The same stage with other numbers: overrides are values of properties that count instead of those of its files.
+
+A step of a derivative, the errors of a camera as built, and what a camera is at one time code are overrides. A stage
+with them is a stage of its own, above the same files, so no reader has to know of any.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from pxr import Sdf, Usd, UsdUtils
+
+from pipeline.scene.usd.problems import Problem, problem
+from pipeline.scene.usd.readers import read_like, read_once
+from pipeline.scene.usd.values import UnreadableValue, numbers, rule_of, value_at
+
+Samples = Mapping[Usd.TimeCode, Any]
+"""Values of an attribute, by the times at which they are written."""
+Overrides = Mapping[Sdf.Path, Samples]
+"""Values of attributes, by path; an attribute that is not on the stage is made."""
+_OURS = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenWindow", "PlenChannel")
+"""Types of the parts of a camera."""
+
+
+def layer_of(stage: Usd.Stage, overrides: Overrides) -> Sdf.Layer:
+    """A layer with overrides of a stage."""
+    layer = Sdf.Layer.CreateAnonymous(".usda")
+    layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()  # or USD scales the times of samples
+    for path, samples in overrides.items():
+        attribute = stage.GetAttributeAtPath(path)
+        kind = attribute.GetTypeName() if attribute else Sdf.GetValueTypeNameForValue(next(iter(samples.values())))
+        variability = attribute.GetVariability() if attribute else Sdf.VariabilityVarying
+        Sdf.JustCreatePrimAttributeInLayer(layer, path, kind, variability, bool(attribute and attribute.IsCustom()))
+        for time, value in samples.items():
+            if time.IsDefault():
+                layer.GetAttributeAtPath(path).default = value
+            else:
+                layer.SetTimeSample(path, time.GetValue(), value)
+    return layer
+
+
+def overridden(stage: Usd.Stage, overrides: Overrides, only: Iterable[Sdf.Path] = ()) -> Usd.Stage:
+    """The stage with overrides; `only`: paths of the prims that it has with all below and above, by default all."""
+    session = layer_of(stage, overrides)
+    session.subLayerPaths.append(stage.GetSessionLayer().identifier)
+    messages = UsdUtils.CoalescingDiagnosticDelegate()  # what is missing was said of the stage itself
+    try:
+        mask = Usd.StagePopulationMask(list(only) or [Sdf.Path.absoluteRootPath])
+        other = Usd.Stage.OpenMasked(stage.GetRootLayer(), session, stage.GetPathResolverContext(), mask)
+    finally:
+        messages.TakeUncoalescedDiagnostics()
+    read_like(other, stage)
+    return other
+
+
+def at_code(prim: Usd.Prim, code: float) -> Usd.Prim:
+    """A camera, or a part of one, on a stage where all that changes in them holds as it is at a time code; anything
+    else as it is. That stage has only these prims and what they lie below, and lives until the stage itself changes.
+    """
+    held = _held(prim.GetStage(), code)
+    return (held and held.GetPrimAtPath(prim.GetPath())) or prim
+
+
+@read_once
+def _held(stage: Usd.Stage, code: float) -> Usd.Stage | None:
+    overrides = dict[Sdf.Path, Samples]()
+    for attribute in changing(stage):
+        rule, value = rule_of(attribute.GetPrim(), attribute.GetName()), value_at(attribute, code)
+        if rule and type(value) is rule.kind:  # else checks refuse the stage
+            overrides[attribute.GetPath()] = {Usd.TimeCode.Default(): value}
+    return overridden(stage, overrides, [prim.GetPath() for prim in _parts(stage)]) if overrides else None
+
+
+@read_once
+def _parts(stage: Usd.Stage) -> list[Usd.Prim]:
+    return [prim for prim in stage.Traverse() if prim.HasAPI("PlenCameraAPI") or any(map(prim.IsA, _OURS))]
+
+
+@read_once
+def changing(stage: Usd.Stage) -> list[Usd.Attribute]:
+    """Attributes of cameras and their parts that have several values in time."""
+    return list(
+        dict.fromkeys(
+            attribute for part in _parts(stage) for prim in Usd.PrimRange(part) for attribute in varying(prim)
+        )
+    )
+
+
+def check_changing(stage: Usd.Stage, codes: Iterable[float]) -> Iterator[Problem]:
+    """Numbers of cameras and their parts without a value at a time code, as a sample of None leaves them."""
+    for attribute in changing(stage):
+        if (code := next((code for code in codes if value_at(attribute, code) is None), None)) is not None:
+            message = f'"{attribute.GetName()}" has no value at time code {code:g}'
+            yield problem(attribute, UnreadableValue.code, message, hint="write a number for each frame")
+
+
+def varying(prim: Usd.Prim) -> list[Usd.Attribute]:
+    """Attributes of ours on a prim that have time samples, a spline or value clips."""
+    authored = prim.GetAuthoredAttributes()
+    return [each for each in authored if each.GetName().startswith("plen:") and each.ValueMightBeTimeVarying()]
+
+
+def samples_of(attribute: Usd.Attribute) -> Samples:
+    """The values of an attribute, at its time samples or, without any, its default, or the words "a spline"; none if
+    nothing is written and there is no fallback.
+    """
+    if attribute and attribute.HasSpline():
+        return {Usd.TimeCode.Default(): "a spline"}
+    times = [Usd.TimeCode(time) for time in attribute.GetTimeSamples()] if attribute else []
+    values = {time: attribute.Get(time) for time in times or [Usd.TimeCode.Default()]} if attribute else {}
+    return {time: value for time, value in values.items() if value is not None}
+
+
+def entries(value: Any) -> np.ndarray:
+    """The numbers of a value, (n,) float64; none if any is not finite, if it has none with a point, as a count or a
+    token, or none that moves alone, as a quaternion.
+    """
+    if isinstance(value, bool | int | str) or value is None or hasattr(value, "GetImaginary"):
+        return np.zeros(0)
+    array = numbers(value)
+    return array if np.asarray(value).dtype.kind not in "biu" and np.isfinite(array).all() else np.zeros(0)
+
+
+def name_of(path: Sdf.Path, value: Any, i: int) -> str:
+    """Name of the i-th number of a property: its path, with [i] if it holds several."""
+    return str(path) if isinstance(value, float) else f"{path}[{i}]"
+
+
+def moved_by(value: Any, i: int, by: float) -> Any:
+    """A value of USD with its i-th number moved."""
+    if isinstance(value, float):
+        return value + by
+    moved = type(value)(value)
+    if hasattr(moved[0], "__len__"):
+        width = len(moved[0])
+        entry = type(moved[0])(moved[i // width])
+        entry[i % width] += by
+        moved[i // width] = entry
+    else:
+        moved[i] += by
+    return moved
+
+
+def unit_of(attribute: Usd.Attribute) -> str:
+    """Unit of an attribute as its documentation states it; empty: none is stated."""
+    text = attribute.GetPrim().GetPrimDefinition().GetPropertyMetadata(attribute.GetName(), "documentation") or ""
+    return next((line.strip()[7:] for line in text.splitlines() if line.strip().startswith("Units: ")), "")
