@@ -45,14 +45,9 @@ def cache_folder() -> Path:
 
     Its name is a digest of all sources that kernels reach, because a callee in another file may change, or a constant,
     which is compiled in. Numba keeps kernels by the place of their source, so that a copy of this package has its own.
-    Where another user has a folder of that name, ours is named after us.
     """
     home = os.environ.get(_HOME)
-    folder = (Path(home) if home else user_cache() / "jit") / _digest()
-    with contextlib.suppress(OSError):
-        if folder.lstat().st_uid not in (os.geteuid(), 0):
-            return folder.with_name(f"{folder.name}-{os.geteuid()}")
-    return folder
+    return (Path(home) if home else user_cache() / "jit") / _digest()
 
 
 def make_folder() -> Path:
@@ -147,9 +142,8 @@ def _reached(package: Path) -> dict[Path, bytes]:
 
 def _is_private(folder: Path) -> bool:
     """Whether something is a folder into which only this user, or the administrator, can have put anything."""
-    try:
+    with contextlib.suppress(OSError):
         facts = folder.lstat()
-    except OSError:
-        return False
-    ours = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return ours and stat.S_ISDIR(facts.st_mode)
+        ours = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        return ours and stat.S_ISDIR(facts.st_mode)
+    return False
