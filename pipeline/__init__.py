@@ -1,10 +1,9 @@
 """Calibration images through real lenses and microlens arrays, with exact ground truth.
 
 `pipeline.build(path)` builds a dataset stage, `pipeline.open_dataset(path)` reads one into plain records,
-`pipeline.open_output(out)` opens the folder that a build filled, `pipeline.ready(place)` makes a camera ready to
-project points and to tell its rays, and `pipeline.Prescription`, `pipeline.Camera` and their friends are the physics,
-usable without USD.
-Nothing heavy is imported before it is asked for (PEP 562), and importing this changes nothing in your process.
+`pipeline.open_output(out)` opens the folder of a build, `pipeline.ready(source)` makes a camera ready to project points
+and to back-project pixels, and `pipeline.Prescription`, `pipeline.Camera` and related records are the physics, usable
+without USD. Nothing heavy is imported before it is used (PEP 562), and importing this changes nothing in your process.
 """
 
 import sys

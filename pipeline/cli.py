@@ -252,7 +252,7 @@ def _warm_up() -> None:
 
 
 def _spare_last_search() -> None:
-    """Keep Python from a last search for garbage; not beside OpenImageIO, which would report its own as leaks."""
+    """Spare Python its last garbage collection; not beside OpenImageIO, which would report its own objects as leaks."""
     if "OpenImageIO" not in sys.modules:
         gc.freeze()
 

@@ -37,7 +37,8 @@ def limits() -> Limits:
 
     UsageError if the variable names an unknown limit, or a value is not a number.
     """
-    raised, names = {}, [field.name for field in fields(Limits)]
+    raised = {}
+    names = [field.name for field in fields(Limits)]
     for item in filter(None, (part.strip() for part in os.environ.get(VARIABLE, "").split(","))):
         name, _, text = item.partition("=")
         if name.strip() not in names:

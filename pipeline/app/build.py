@@ -43,15 +43,15 @@ __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "proje
 
 STEPS = "lens", "aspheres", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor"
 """Steps of kernel compilation: tracing and quadrature of any lens; conics and aspheres; tilted and refractive
-microlenses; micro-images; images of a flat sheet; images in which one thing may hide another; curved targets; paths of
-light; the search in position images; the noise of raw images.
+microlenses; micro-images; images of a flat sheet; images with occlusion; curved targets; light paths; the search in
+position images; the noise of raw images.
 """
 _KERNELS = dict(zip(STEPS, (19, 2, 8, 1, 7, 5, 2, 9, 3, 2), strict=True))
-"""Number of kernels that each step adds, for whoever waits."""
+"""Number of kernels that each step adds, for progress reports."""
 _KERNEL_S = 0.9
-"""Processor time that a kernel takes with what it contains [s], of an AMD EPYC."""
+"""Processor time to compile a kernel and its callees [s], on an AMD EPYC."""
 _TRUST = 0.2
-"""Share of the kernels after which the speed of this machine is believed as much as that time."""
+"""Share of the kernels after which the speed of this machine weighs as much as that time."""
 _STEP_OF_KIND = {
     "image": "images",
     "white": "images",
@@ -66,7 +66,7 @@ _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillo
 
 
 def default_out(stage: Path) -> Path:
-    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`; UsageError if that is no name."""
+    """`build/<folder>/` for a file named dataset.usda, else `build/<stem>/`; UsageError if that is no valid name."""
     stage = real_path(stage)
     name = stage.parent.name if stage.stem == "dataset" else stage.stem
     if name in ("", ".", ".."):  # `...usda` would name the working directory itself
@@ -77,17 +77,17 @@ def default_out(stage: Path) -> Path:
 def project(
     path: str | Path, out: str | Path | None = None, allow_roots: Iterable[str | Path] = (), *, preview: bool = False
 ) -> Project:
-    """The parts of a build of a stage: tasks, files and options. Nothing is run or written.
+    """The project of a stage: tasks, files and options. Nothing is run or written.
 
-    With `preview` small pictures only, a quarter of the size (see `graph.variants`), by default for another output
+    With `preview` only small pictures, a quarter of the size (see `graph.variants`), by default for another output
     folder. StageError if the stage does not pass `check`.
     """
     return project_from(load(path, allow_roots), Path(path), out, preview=preview)
 
 
 def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview: bool = False) -> Project:
-    place = Path(out) if out else default_out(path)
-    place = folder_of(place) if preview and not out else place
+    destination = Path(out) if out else default_out(path)
+    destination = folder_of(destination) if preview and not out else destination
     dataset = require_dataset(loaded, path)
     dataset = preview_of(dataset) if preview else dataset
     graph, files, certificates = graph_of(dataset)
@@ -98,7 +98,7 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview:
         "versions": {"pipeline": pipeline.__version__, **{name: installed_version(name) for name in _VERSIONS}},
         "seeds": {"dataset": dataset.seed},
     }
-    whole = Project(
+    project = Project(
         graph=graph,
         files=files,
         head=head,
@@ -106,13 +106,13 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview:
             "certificate": certificates,
             "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
         },
-        out=place,
+        out=destination,
         stage_id=str(path.resolve()),
         reads=loaded.files,
         places={camera.name: f"{camera.file}:{camera.line}: at <{camera.prim_path}>" for camera in dataset.cameras},
         source={"written": loaded.written, "read": {part: list(paths) for part, paths in dataset.sources.items()}},
     )
-    return only_images(whole) if preview else whole
+    return only_images(project) if preview else project
 
 
 @arguments_settled(UsageError)
@@ -149,10 +149,10 @@ def build(
     UsageError
         An argument has the wrong type or is out of range, or an option is unknown.
     """
-    known = list(signature(BuildOptions).parameters)
-    for name in options.keys() - set(known):
-        near = nearest(name, known)
-        hint = f"did you mean {near}?" if near else f"there are {', '.join(known)}"
+    names = list(signature(BuildOptions).parameters)
+    for name in options.keys() - set(names):
+        near = nearest(name, names)
+        hint = f"did you mean {near}?" if near else f"there are {', '.join(names)}"
         raise UsageError(f"build has no option {name!r}", hint=hint)
     return build_with(path, out, BuildOptions(**options), on_event or silent)  # type: ignore[arg-type]  # or sequences
 
@@ -198,12 +198,13 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
 
 def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: Emit = silent) -> Result:
-    """Run the missing tasks of several builds, stage -> output folder, at once, and deliver nothing: builds find the
-    results in the store. Workers are shared, and a task that fails ends no other.
+    """Run the missing tasks of several builds, stage -> output folder, at once, and deliver nothing: the builds will
+    find the results in the store. Workers are shared, and a task that fails ends no other.
     """
     projects = {out.name: project(path, out, options.allow_roots) for path, out in stages.items()}
-    kept = projects if options.pictures else {name: without_pictures(whole) for name, whole in projects.items()}
-    graphs, out = {name: whole.graph.before_delivery for name, whole in kept.items()}, next(iter(stages.values()))
+    kept = projects if options.pictures else {name: without_pictures(each) for name, each in projects.items()}
+    graphs = {name: each.graph.before_delivery for name, each in kept.items()}
+    out = next(iter(stages.values()))
     graph = TaskGraph.joined(graphs)
     head = {"stage": "an ensemble"}
     shared = Project(graph=graph, files={}, head=head, out=out.parent, stage_id=str(out.parent.resolve()))
@@ -218,14 +219,15 @@ def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: E
 def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, workers: int = 1) -> None:
     """Compile the kernels of steps that are missing in the cache, so that workers need not compile them.
 
-    With more than one worker two other processes share the work. If several processes start together, one compiles and
-    the others wait. Raises EnvironmentFault where the disk is full.
+    With more than one worker, two helper processes share the work. If several processes start together, one compiles
+    and the others wait. Raises EnvironmentFault if the disk is full.
     """
     before_compiling.clear()  # it would wait for this
     if ready(cache_folder()).issuperset(steps):
         return
     with machine_errors("keep compiled kernels in", cache_folder()):
-        folder, warn = make_folder(), warner(on_event)
+        folder = make_folder()
+        warn = warner(on_event)
         with _told(folder, steps, workers, on_event), locked(folder / "lock", doing="compiles kernels", say=warn):
             if not ready(folder).issuperset(steps):
                 if workers == 1 or not _compiled_apart(steps):
@@ -236,7 +238,7 @@ def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, worker
 
 
 def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
-    """Compile steps for the kernels that this process calls, and tell whoever waits; KeyboardInterrupt after Ctrl-C."""
+    """Compile these steps' kernels that this process calls, and report progress; KeyboardInterrupt after Ctrl-C."""
     from pipeline.app.progress import display
 
     shown = display(-1 if {"--json", "--quiet", "-q"} & {*sys.argv} else 0)
@@ -248,18 +250,21 @@ def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
 
 @contextlib.contextmanager
 def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
-    """A context whose wait is told at once and every second, whichever process compiles."""
-    done, ended, start = ready(folder), threading.Event(), time.monotonic()
+    """Context that reports a wait at once and every second, whichever process compiles."""
+    done = ready(folder)
+    ended = threading.Event()
+    start = time.monotonic()
     wanted = max(1, sum(_KERNELS[step] for step in steps if step not in done))
-    begun, known = count(folder), _TRUST * wanted
+    begun = count(folder)
+    trusted = _TRUST * wanted
     before = begun if done else 0  # else those are of a process that compiles now, or that was ended
 
     def tell() -> None:
         while True:
             there = count(folder)
             share = min((there - before) / wanted, 0.99)
-            taken_s = time.monotonic() - start + known * _KERNEL_S / min(workers, 2)
-            left_s = (1 - share) * wanted * taken_s / (there - begun + known)
+            taken_s = time.monotonic() - start + trusted * _KERNEL_S / min(workers, 2)
+            left_s = (1 - share) * wanted * taken_s / (there - begun + trusted)
             on_event(Compiling(share=share, seconds_left=round(left_s, 1)))
             if ended.wait(1.0):
                 return
@@ -271,11 +276,12 @@ def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) ->
 
 
 def _compiled_apart(steps: tuple[str, ...]) -> bool:
-    """Whether two processes have compiled the kernels of steps; if anything is wrong, this process then meets it.
+    """Whether two processes have compiled the kernels of steps; this process then meets any fault itself.
 
     Both take numbers of parts from one pipe, so that they end together on any machine.
     """
-    environment, asked = {**os.environ, **settings()}, command("pipeline.app.compile_kernels:compile_apart", *steps)
+    environment = {**os.environ, **settings()}
+    asked = command("pipeline.app.compile_kernels:compile_apart", *steps)
     with contextlib.suppress(OSError), contextlib.ExitStack() as last:
         numbers, writing = os.pipe()
         last.callback(os.close, numbers)
@@ -294,7 +300,7 @@ def _compiled_apart(steps: tuple[str, ...]) -> bool:
 
 
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
-    """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles what is missing all the same."""
+    """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles whatever else is missing."""
     steps = {"lens"}
     for task in tasks:
         steps.add(_STEP_OF_KIND.get(task.product, "lens"))

@@ -1,4 +1,4 @@
-"""Findings about versions, processor, device, store, disk and settings, with mends."""
+"""Findings about versions, processor, device, store, disk and settings, with remedies."""
 
 import importlib.metadata
 import importlib.util
@@ -37,7 +37,7 @@ _PROBE = "lenses/cooke_triplet_50mm.usda"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something about this machine; `mend` says what to do about it, unless it is fine."""
+    """Finding about this machine; `mend` is its remedy, empty if all is well."""
 
     name: str
     value: str
@@ -55,7 +55,7 @@ class Finding:
 
 
 def findings() -> Iterator[Finding]:
-    """All findings, in the order in which they are asked for; none raises."""
+    """All findings, each computed when it is asked for; none raises."""
     for look in (_python, _libraries, _processor, _memory, _device, _store, _kernels, _disk, _usd, _library, _settings):
         try:
             yield from look()
@@ -90,7 +90,7 @@ def _memory() -> Iterator[Finding]:
 
 
 def _device() -> Iterator[Finding]:
-    """A device is an offer: without one everything runs on the processor."""
+    """A device is optional: without one everything runs on the processor."""
     from pipeline.jit.device import device_name
 
     try:
@@ -100,7 +100,8 @@ def _device() -> Iterator[Finding]:
 
 
 def _store() -> Iterator[Finding]:
-    root, limit = default_root().absolute(), limit_from_environment()
+    root = default_root().absolute()
+    limit = limit_from_environment()
     if not root.exists():
         yield Finding("store", f"{root}, not made yet; at most {human(limit)}")
     elif os.access(root, os.W_OK):
@@ -119,8 +120,8 @@ def _kernels() -> Iterator[Finding]:
 
 
 def _disk() -> Iterator[Finding]:
-    for name, place in (("disk here", Path.cwd()), ("disk of the store", nearest_existing(default_root()))):
-        free = shutil.disk_usage(place).free
+    for name, folder in (("disk here", Path.cwd()), ("disk of the store", nearest_existing(default_root()))):
+        free = shutil.disk_usage(folder).free
         mend = "make room: `pipeline cache gc` removes old results" if free < _LEAST_DISK else ""
         yield Finding(name, f"{human(free)} free", mend)
 
@@ -128,16 +129,16 @@ def _disk() -> Iterator[Finding]:
 def _usd() -> Iterator[Finding]:
     spec = importlib.util.find_spec("pxr")
     yield Finding("usd", str(Path(spec.origin).parent) if spec and spec.origin else "not found")
-    place = share("schemas")
+    schemas = share("schemas")
     listed = os.environ.get("PXR_PLUGINPATH_NAME", "").split(os.pathsep)
-    is_listed = any(part and Path(part).resolve() == place.resolve() for part in listed)
+    is_listed = any(part and Path(part).resolve() == schemas.resolve() for part in listed)
     gone = [part for part in listed if "plen" in part.lower() and not Path(part).is_dir()]
-    mend = f"PXR_PLUGINPATH_NAME names a folder that is gone: {gone[0]}; set it to {place}" if gone else ""
-    yield Finding("plug-in", f"{place}{' (usdview knows it)' if is_listed else ''}", mend)
+    mend = f"PXR_PLUGINPATH_NAME names a folder that is gone: {gone[0]}; set it to {schemas}" if gone else ""
+    yield Finding("plug-in", f"{schemas}{' (usdview knows it)' if is_listed else ''}", mend)
 
 
 def _library() -> Iterator[Finding]:
-    """A lens of the library, read by USD with our schemas: what every command does first."""
+    """A lens of the library, read by USD with our schemas: the first step of every command."""
     from pipeline.scene.load import load
 
     if problems := load(share("stages") / _PROBE).errors:

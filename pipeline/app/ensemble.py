@@ -1,6 +1,6 @@
-"""`pipeline ensemble`: cameras as they may be built, drawn by the tolerances of a dataset, and what they differ by.
+"""`pipeline ensemble`: cameras as they may be built, drawn by the tolerances of a dataset, and their spread.
 
-Each member is a layer over the dataset, which an ordinary build reads; what no error changes comes from the store.
+Each member is a layer over the dataset, which an ordinary build reads; unaffected results come from the store.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,8 +40,8 @@ class MemberError(PipelineError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ensemble:
-    """A built ensemble: its folder, the numbers that were drawn for each member, certificates of members and of the
-    nominal camera, and of each camera the figures and the table of rows.
+    """A built ensemble: its folder, the numbers drawn for each member, certificates of members and of the nominal
+    camera, and for each camera the figures and the table of rows.
     """
 
     out: Path
@@ -52,7 +52,7 @@ class Ensemble:
 
     @property
     def refuted(self) -> list[str]:
-        """A line about each certificate that cannot show the accuracy that is claimed."""
+        """A line about each certificate that cannot show the claimed accuracy."""
         return [
             f"{name}: {certificate_lines({camera: judged})[0]}"
             for name, of in self.certificates.items()
@@ -71,7 +71,7 @@ class Ensemble:
 
 
 def folder_of(stage: Path) -> Path:
-    """Folder of an ensemble where none is named: that of the build, with a suffix."""
+    """Default folder of an ensemble: that of the build, with a suffix."""
     build = default_out(stage)
     return build.with_name(f"{build.name}.ensemble")
 
@@ -84,11 +84,11 @@ def ensemble(
     run: Run = build_with,
     together: RunTogether = run_together,
 ) -> Ensemble:
-    """Build the nominal camera and `count` members (2 at least) below a folder, and write what they differ by.
+    """Build the nominal camera and `count` members (2 at least) below a folder, and write their spread.
 
-    Tasks of many members run `together`; then each is built of what is in the store, or says what has failed. Raises
-    StageError: the dataset or a member does not pass `check`; UsageError: the folder has further members; MemberError:
-    a build failed.
+    Tasks of many members run `together`; then each member is built from the store, or reports which task has failed.
+    Raises StageError: the dataset or a member does not pass `check`; UsageError: the folder has further members;
+    MemberError: a build failed.
     """
     dataset = require_dataset(sound(stage, options.allow_roots), stage)
     roots = (*allowed_roots(stage, options.allow_roots)[:1], *options.allow_roots)  # a member may lie in no project
@@ -109,11 +109,12 @@ def ensemble(
             layer.write_text(texts[name], encoding="utf-8")
     for layer in layers.values():
         sound(layer, roots)  # all of them before the first is built
-    stages, certificates = {NOMINAL: stage, **layers}, {}
+    stages = {NOMINAL: stage, **layers}
+    certificates = {}
     for number, (name, path) in enumerate(stages.items()):
         if number % _TOGETHER == 0:
-            some = list(stages.items())[number : number + _TOGETHER]
-            if together({path: out / name for name, path in some}, options).interrupted:
+            batch = list(stages.items())[number : number + _TOGETHER]
+            if together({path: out / name for name, path in batch}, options).interrupted:
                 raise MemberError("the ensemble was interrupted", hint="the same command goes on from here")
         result = run(path, out / name, options)
         if result.exit_code:
@@ -157,7 +158,7 @@ def _write(built: Ensemble, head: Json) -> None:
 
 
 def summary(built: Ensemble) -> list[str]:
-    """The figures of each camera, and what its rows differ by, as lines for a terminal."""
+    """The figures of each camera, and the spread of its rows, as lines for a terminal."""
     text = []
     count = len(built.numbers)
     for camera, of in built.figures.items():
@@ -170,9 +171,9 @@ def summary(built: Ensemble) -> list[str]:
             figure = f"{of.nominal[i]:14.6g}{of.mean[i]:14.6g}{of.deviation[i]:11.2g}"
             text.append(f"  {number:2d} {of.names[i]:22}{figure}{correlations}")
         table = built.tables[camera]
-        whole = table["members"] == count
-        spread_px = np.hypot(table["deviation_x_px"], table["deviation_y_px"])[whole]
+        in_all = table["members"] == count
+        spread_px = np.hypot(table["deviation_x_px"], table["deviation_y_px"])[in_all]
         if len(spread_px):
             figure = f"deviation {np.median(spread_px):.2g} px in the middle, {spread_px.max():.2g} px at most"
-            text.append(f"  rows: {len(whole)}, of all members {np.count_nonzero(whole)}: {figure}")
+            text.append(f"  rows: {len(in_all)}, of all members {np.count_nonzero(in_all)}: {figure}")
     return text

@@ -16,7 +16,7 @@ KINDS = ("lenses", "rigs", "sensors", "mlas", "targets")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LibraryPart:
-    """A file of the library: the name by which stages refer to it, what it is, and its key figures."""
+    """A file of the library: the name by which stages refer to it, a description, and its key figures."""
 
     name: str
     title: str
@@ -42,7 +42,7 @@ def library(kind: str | None = None) -> dict[str, list[LibraryPart]]:
 
 
 def _of_part(name: str) -> str | None:
-    """A hint for the name of a part in the place of a kind."""
+    """Hint for a part named in place of a kind."""
     kind = next((kind for kind in KINDS for path in _files(kind) if path.stem == name), None)
     if kind is None:
         return None
@@ -65,7 +65,8 @@ def _of_lens(path: Path) -> Figures:
 def _of_rig(path: Path) -> Figures:
     entry = load(path).cameras[0]
     camera = entry.asked
-    report, sensor = lens_report(camera.prescription), camera.sensor
+    report = lens_report(camera.prescription)
+    sensor = camera.sensor
     figures = {"lens": entry.lens_name, "efl_mm": report["efl_mm"], "f_number": report["f_number"]}
     figures |= {"width_px": sensor.width_px, "height_px": sensor.height_px, "pitch_mm": sensor.pitch_mm}
     array = camera.microlenses

@@ -42,9 +42,10 @@ class Lines:
         pass
 
     def __call__(self, event: Event) -> None:
-        """Print a line if the event deserves one at this verbosity."""
+        """Print a line if the event is shown at this verbosity."""
         if isinstance(event, Begun):
-            self._total, self._jobs = len(event.tasks), event.jobs
+            self._total = len(event.tasks)
+            self._jobs = event.jobs
             self._left = Counter(event.tasks.values())
         elif isinstance(event, Done):
             self._counts[event.result.state] += 1
@@ -61,7 +62,7 @@ class Lines:
         return f"[{self._counts.total()}/{self._total} hit {hit} run {run} fail {fail}]"
 
     def _seconds_left(self) -> float | None:
-        """Estimate from recorded times by kind of task [s], of unknown kinds the mean; None while nothing is known."""
+        """Remaining time from recorded times by kind of task [s], for other kinds from the mean; None without any."""
         means = {kind: self._seconds[kind] / count for kind, count in self._timed.items()}
         if not means:
             return None
@@ -80,7 +81,8 @@ class Lines:
             case Started() if self._verbosity > 0:
                 return f"{self._tally()} {event.task} started"
             case Done() if self._is_shown(event.result.state):
-                task, news = event.result, f": {event.news}" if event.news else ""
+                task = event.result
+                news = f": {event.news}" if event.news else ""
                 return f"{self._tally()} {task.name} {task.state} {task.seconds:.1f} s{news}"
         return None
 
@@ -92,7 +94,7 @@ class Lines:
 
 
 class Bar(Lines):
-    """A bar with counts, the last finished task, the estimate and the last news; warnings and failures remain above."""
+    """A bar with counts, the last finished task, the remaining time and news; warnings and failures remain above."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -134,9 +136,9 @@ class Bar(Lines):
 
 
 class Ending:
-    """Lines after the end of a build: every failure with its log and the command that repeats it, then a summary.
+    """Lines after a build: every failure with its log and the command that repeats it, then a summary.
 
-    `again` has stage and options as the user typed them, which is shown if the task could not be saved to a file.
+    `again` has stage and options as the user typed them; it is shown if the task could not be saved to a file.
     """
 
     def __init__(self, verbosity: int, again: str) -> None:
@@ -163,7 +165,7 @@ class Ending:
             print(line, file=sys.stderr, flush=True)
 
     def _failure(self, task: TaskResult, *others: TaskResult) -> Iterator[str]:
-        """One error, once for all tasks that met it: what, where in the stage, how to mend it, how to look closer."""
+        """Lines of one error, once for all tasks that met it: message, location in the stage, remedy, next step."""
         if task.state != "failed":
             outputs = ", ".join(task.differs)
             yield f"NON-DETERMINISM: {task.name} (key {str(task.key)[:12]}) gave other bytes than before: {outputs}"

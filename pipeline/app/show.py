@@ -31,10 +31,10 @@ from pipeline.tasks.camera import document
 from pipeline.tasks.params.cameras import CONVENTIONS
 
 _FISHEYE = 2.5
-"""As `_CORNERS`, tried first of a lens that sees beside itself: those of 220 degrees image up to 1.9 focal lengths."""
+"""Like `_CORNERS`, and tried first for very wide lenses: those of 220 degrees image up to 1.9 focal lengths."""
 _CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
-"""The square sensor with which a bare lens is shown. Its half diagonal over the focal length: the first of these whose
-corners a chief ray reaches. Then its pixels along an edge.
+"""Square sensor with which a bare lens is shown: half diagonal over the focal length, the first of these whose corners
+a chief ray reaches, and pixels along an edge.
 """
 
 
@@ -42,8 +42,8 @@ corners a chief ray reaches. Then its pixels along an edge.
 class Shown:
     """A camera of a stage, or the lens of a stage that holds nothing else, and warnings about the stage.
 
-    `document` is the content of camera.json, of a lens alone its first-order figures, and `curves` are over the field,
-    of a lens for objects at infinity. A lens is shown with a square sensor in its rear focus, and without camera and
+    `document` is the content of camera.json; for a bare lens, its first-order figures. `curves` are over the field, for
+    a bare lens with objects at infinity. A lens is shown with a square sensor in its rear focus, and without camera and
     curves if it has no real image or no chief ray.
     """
 
@@ -100,7 +100,7 @@ def _shown_lens(entry: LensEntry, warnings: list[Problem]) -> Shown:
 
 
 def _with_sensor(entry: LensEntry) -> tuple[Camera, FieldCurves] | tuple[None, None]:
-    """The lens before a square sensor, and its curves; None where it has no real image or no chief ray."""
+    """The lens before a square sensor, and its curves; None if it has no real image or no chief ray."""
     lens = first_order(entry.prescription)
     if not (0 < lens.efl_mm < math.inf and lens.bfd_mm > 0):
         return None, None
@@ -118,7 +118,7 @@ def _with_sensor(entry: LensEntry) -> tuple[Camera, FieldCurves] | tuple[None, N
 
 @dataclass(frozen=True)
 class PointImages:
-    """Images of points by one camera with diffraction, in each channel at its mean wavelength."""
+    """Point images of one camera with diffraction, in each channel at its mean wavelength."""
 
     channels: list[tuple[CameraEntry, list[PointImage]]]
     pitch_mm: float
@@ -139,11 +139,13 @@ class PointImages:
 def draw_points(
     shown: list[Shown], path: Path, at_px: tuple[float, float] | None, distance_mm: float | None
 ) -> PointImages:
-    """Write the drawing of images of points by one camera, by default in focus; UsageError if it is not just one."""
+    """Write the drawing of point images of one camera, by default in focus; UsageError if the stage has several."""
     entry = _single(shown).entry
     if isinstance(entry, LensEntry):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
-    channels, rows, pitch_mm = [], [], entry.camera.sensor.pitch_mm
+    channels = []
+    rows = []
+    pitch_mm = entry.camera.sensor.pitch_mm
     with blamed_on(entry.file, entry.line, entry.prim_path):
         for part in entry.in_channels:
             camera = part.camera if part.channel is None else part.camera.at(part.channel.middle)
@@ -163,13 +165,13 @@ def _single(shown: list[Shown]) -> Shown:
 
 
 def plain_json(shown: list[Shown], points: PointImages | None = None) -> str:
-    """JSON of one camera or lens, with the images of points that were drawn, or of several cameras by name."""
+    """JSON of one camera or lens, with its point images if they were drawn, or of several cameras by name."""
     plain = {camera.entry.name: camera.plain() for camera in shown} if len(shown) > 1 else shown[0].plain()
     return json_bytes({**plain, "point_images": points.plain()} if points else plain).decode()
 
 
 def plot(shown: list[Shown], path: Path) -> None:
-    """Write the drawing of one camera or lens; UsageError, if there are several."""
+    """Write the drawing of one camera or lens; UsageError if there are several."""
     draw(_single(shown)._drawing(), path)
 
 
@@ -185,9 +187,13 @@ class TargetPrint:
         target = self.entry.target
         points = target.points()
         if isinstance(target, Target):
-            title, shape, ids = target.pattern.title(), target.surface.KIND, [f"ids     {target.pattern.ORDER}"]
+            title = target.pattern.title()
+            shape = target.surface.KIND
+            ids = [f"ids     {target.pattern.ORDER}"]
         else:
-            title, shape, ids = target.title(), "mesh", []
+            title = target.title()
+            shape = "mesh"
+            ids = []
         lines = [f"{self.entry.name}: {title}", f"shape   {shape}", *ids]
         kinds = {kind: points.kinds.count(kind) for kind in dict.fromkeys(points.kinds)}
         lines.append("points  " + ", ".join(f"{count} x {kind}" for kind, count in kinds.items()))
@@ -196,7 +202,7 @@ class TargetPrint:
         return lines
 
     def write(self, path: Path) -> str:
-        """Write an SVG file of all pages, one below the other, or a PDF file; the paper that they need, in words."""
+        """Write an SVG file of all pages, one below the other, or a PDF file; returns the paper size in words."""
         if isinstance(self.entry.target, MeshTarget):
             raise UsageError(f'"{self.entry.name}" is a mesh, which cannot be printed on paper')
         pages = pages_of(self.entry.target, self.entry.name)

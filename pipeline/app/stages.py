@@ -1,6 +1,6 @@
-"""Stages that a command is given, with one of their cameras or targets chosen by name, and those that it writes.
+"""Stages that a command reads, with one of their cameras or targets chosen by name, and stages that it writes.
 
-An imported file of another program becomes a stage, and whatever is lost a warning.
+An imported file of another program becomes a stage, and each loss a warning.
 """
 
 import os
@@ -24,7 +24,7 @@ from pipeline.spelling import did_you_mean
 
 
 def sound(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
-    """A stage that passes `check`; StageError, if it does not."""
+    """A stage that passes `check`; StageError if it does not."""
     loaded = load(path, allow_roots)
     if loaded.errors:
         raise StageError(loaded.problems)
@@ -33,14 +33,15 @@ def sound(path: str | Path, allow_roots: Iterable[str | Path] = ()) -> Loaded:
 
 def lacking(path: str | Path, kind: str, hint: str) -> StageError:
     """The error about a stage that holds no camera, or no target (`kind`)."""
-    file, message = shown_path(Path(path).resolve()), f"the stage holds no {kind}"
+    file = shown_path(Path(path).resolve())
+    message = f"the stage holds no {kind}"
     return StageError([Problem(code=f"no-{kind}", message=message, file=file, line=1, hint=hint)])
 
 
 def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) -> int:
-    """Index of the camera or target (`kind`) with the name `wanted`. None is enough if the stage has only one.
+    """Index of the camera or target (`kind`) named `wanted`. None suffices if the stage has only one.
 
-    UsageError, if no entry has that name, or the stage has several and none is named.
+    UsageError if no entry has that name, or the stage has several and none is named.
     """
     if wanted is None and len(names) > 1:
         raise UsageError(f"{path} has {len(names)} {kind}s: {', '.join(names)}", hint="name one of them")
@@ -51,21 +52,21 @@ def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) ->
 
 
 def located(path: Path) -> Path:
-    """A stage in the working directory, or of the library; UsageError, if it is in neither."""
+    """A stage in the working directory, or of the library; UsageError if it is in neither."""
     if path.exists():
         return path
     library = share("stages")
     if (library / path).is_file():
         return library / path
-    known = [file.relative_to(library).as_posix() for file in library.glob("*/*.usda")]
-    same = [name for name in known if Path(name).stem == path.stem]
-    hint = f'did you mean "{same[0]}"?' if same else did_you_mean(str(path), known)
+    names = [file.relative_to(library).as_posix() for file in library.glob("*/*.usda")]
+    same = [name for name in names if Path(name).stem == path.stem]
+    hint = f'did you mean "{same[0]}"?' if same else did_you_mean(str(path), names)
     hint = hint or "`pipeline library` lists what it has"
     raise UsageError(f"there is no {path}, and the library has none", hint=hint)
 
 
 def asset_path(path: Path, out: Path) -> str:
-    """Asset path of a stage for a layer that lies at `out`; names of the library stay names."""
+    """Asset path of a stage for a layer that will lie at `out`; names of the library stay names."""
     if not path.exists():
         return path.as_posix()
     relative = Path(os.path.relpath(path.resolve(), out.resolve().parent)).as_posix()
@@ -78,7 +79,7 @@ def existing(path: Path) -> UsageError:
 
 
 def write_new(text: str, path: Path) -> None:
-    """Write a new text file: UsageError, if there is one of that name, EnvironmentFault, if it cannot be written."""
+    """Write a new text file; UsageError if the name is taken, EnvironmentFault if it cannot be written."""
     if os.path.lexists(path):
         raise existing(path)
     with chosen_place("write", path):
@@ -93,7 +94,7 @@ def draw(drawing: str | bytes, path: Path) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """An imported lens or camera as the text of a stage, and statements of the file that no stage can hold."""
+    """An imported lens or camera as the text of a stage, and the statements of the file that no stage can hold."""
 
     text: str
     warnings: tuple[str, ...]
@@ -106,7 +107,7 @@ def import_lens(
     replaced: Sequence[str] = (),
     **options: Any,
 ) -> Imported:
-    """Import the lens of a file as a stage; arguments and errors are those of the reader, a plug-in, of its suffix."""
+    """Import the lens of a file as a stage; arguments and errors are those of the plug-in's reader for its suffix."""
     read = plugged_in("reader", f"lens{path.suffix.lower()}")
     lens = read(path, spacing, catalogues=catalogues, replaced=replaced, **options)
     return _imported(path, lens, lens.lost, lens_text)
@@ -125,12 +126,12 @@ def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[An
         text = text_of(replace(read, provenance=(*read.provenance, *notes)))
     except (PrescriptionError, CameraError) as error:
         raise UsageError(f"{path}: {error.message}", hint=error.hint) from None
-    places = ((f"{path}:{loss.line}" if loss.line else str(path), loss) for loss in lost)
-    return Imported(text=text, warnings=tuple(f"{place}: warning: {loss.statement}" for place, loss in places))
+    locations = ((f"{path}:{loss.line}" if loss.line else str(path), loss) for loss in lost)
+    return Imported(text=text, warnings=tuple(f"{location}: warning: {loss.statement}" for location, loss in locations))
 
 
 def require_free(out: Path) -> None:
-    """UsageError where no new stage can be written: another suffix, something is there, or there is no such folder."""
+    """UsageError where no new stage can be written: another suffix, a name that is taken, or no such folder."""
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
     if os.path.lexists(out):
@@ -147,7 +148,7 @@ def write_stage(text: str, out: Path) -> list[Problem]:
 
 
 def write_sound(text: str, out: Path) -> Loaded:
-    """Write a new stage and read it; one with errors, StageError, is not kept."""
+    """Write a new stage and read it; a stage with errors raises StageError and is not kept."""
     require_free(out)
     write_new(text, out)
     try:
@@ -161,7 +162,7 @@ def write_sound(text: str, out: Path) -> Loaded:
 
 
 def unwritten(problems: Iterable[Problem], read: Path, out: Path) -> list[Problem]:
-    """Problems of a stage that was `read` and will not lie at `out`: those of its own text have no line for a user."""
+    """Problems of a stage that was `read` before it lies at `out`: lines of its own text mean nothing to a user."""
     file = shown_path(read.resolve())
     return [
         replace(problem, file=str(out), line=None, column=None, at=None) if problem.file == file else problem

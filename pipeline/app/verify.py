@@ -29,7 +29,7 @@ from pipeline.tasks.params.frames import PlacedTarget, Truth
 
 _STAGE = "dataset.usda"
 _STREAM = 0x7E51
-"""Random stream of the verification; a build never uses it."""
+"""Random stream of the verification, which no build uses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,15 +45,15 @@ class Verdict:
         return not self.problems and all(judged["passed"] is not False for judged in self.cameras.values())
 
     def to_dict(self) -> Json:
-        """The verdict as plain data, as `verify --json` prints it."""
+        """Plain data, as in `verify --json`."""
         return {"agrees": self.agrees, "problems": self.problems, "cameras": self.cameras}
 
 
 def verify(out: str | Path, seed: int = 1) -> Verdict:
     """Check the files of a folder against its manifest and its stage, and a sample of the rows of its tables.
 
-    For the rows drawn with the seed, the certificate of the build is made again with other random rays. UsageError, if
-    the folder holds no finished build.
+    The certificate of the build is repeated for rows drawn with the seed, by other random rays. UsageError if the
+    folder holds no finished build.
     """
     out = Path(out)
     listed = manifest.read(out)
@@ -87,7 +87,7 @@ def wrong_files(out: Path, listed: Manifest) -> Iterator[str]:
 
 
 def _fault(path: Path, entry: Blob) -> str | None:
-    """Fault of a file: other bytes than its entry says; None without one."""
+    """Fault of a file whose bytes differ from its entry; None without one."""
     try:
         size = path.stat().st_size
         if size != entry.size:
@@ -110,7 +110,7 @@ def _wrong_list(build: Project, listed: Manifest) -> Iterator[str]:
 
 
 def _certificate(out: Path, build: Project, name: str, seed: int) -> Json:
-    """The certificate of a camera, for rows and by random rays that the seed draws."""
+    """The certificate of a camera, for rows and random rays that the seed selects."""
     graph = build.graph
     truths = {task: from_plain(Truth, graph[task].params) for task in graph if task.startswith(f"truth/{name}/")}
     first = next(iter(truths.values()))
@@ -122,7 +122,7 @@ def _certificate(out: Path, build: Project, name: str, seed: int) -> Json:
 
 
 def _targets(graph: TaskGraph, task: str, truth: Truth) -> tuple[PlacedTarget, ...]:
-    """Targets before a task `truth`, or before its tiles if it has any, by name."""
+    """Targets of a camera's task `truth`, or of its tiles if it has any, by name."""
     view = truth.view or from_plain(Truth, graph[graph[task].reads["tile0"]].params).view
     assert view is not None
     return tuple(sorted(view.targets, key=lambda entry: entry.name))

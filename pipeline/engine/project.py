@@ -68,7 +68,8 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
     """
-    given, out = Path(target), project.out.absolute() if Path(target).is_absolute() else project.out
+    given = Path(target)
+    out = project.out.absolute() if Path(target).is_absolute() else project.out
     path = (given.relative_to(out) if given.is_relative_to(out) else given).as_posix()
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
     if not files:

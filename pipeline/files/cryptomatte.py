@@ -15,7 +15,8 @@ _BITS = 0xFFFFFFFF
 
 def murmur3(data: bytes) -> int:
     """MurmurHash3_x86_32 with the seed 0."""
-    result, end = 0, len(data) // 4 * 4
+    result = 0
+    end = len(data) // 4 * 4
     for start in range(0, len(data), 4):
         block = int.from_bytes(data[start : start + 4], "little") * 0xCC9E2D51 & _BITS
         result ^= (block << 15 | block >> 17) * 0x1B873593 & _BITS

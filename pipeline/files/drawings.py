@@ -42,7 +42,8 @@ def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
         )
         content = f"q {_POINTS_PER_MM:.12f} 0 0 {_POINTS_PER_MM:.12f} 0 0 cm\n{operators}\nQ\n"
         objects.append(f"<< /Length {len(content.encode('latin-1', 'replace'))} >>\nstream\n{content}endstream")
-    data, places = f"%PDF-1.4\n% {SAYS}\n".encode(), []
+    data = f"%PDF-1.4\n% {SAYS}\n".encode()
+    places = []
     for number, text in enumerate(objects, start=1):
         places.append(len(data))
         data += f"{number} 0 obj\n{text}\nendobj\n".encode("latin-1", "replace")

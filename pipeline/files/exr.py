@@ -84,18 +84,20 @@ def write_exr(path: str | Path, parts: list[Part]) -> None:
     try:
         OpenEXR.File(encoded, num_threads=_IN_CALLING_THREAD).write(str(path))
     except RuntimeError as error:  # OpenEXR names an error of the system, such as a full disk, only in its message
-        known = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
-        if known is None:
+        number = next((number for number in errno.errorcode if os.strerror(number) in str(error)), None)
+        if number is None:
             raise
-        raise OSError(known, os.strerror(known), str(path)) from error
+        raise OSError(number, os.strerror(number), str(path)) from error
 
 
 def read_exr(path: str | Path) -> dict[str, Part]:
     """Parts of a file that `write_exr` wrote, by name in its order; DamagedFile if truncated, altered or foreign."""
-    path, parts = Path(path), dict[str, Part]()
+    path = Path(path)
+    parts = dict[str, Part]()
     file = _opened(path)
     for part in file.parts:
-        texts, name = _texts(part), part.header.get("name", "")
+        texts = _texts(part)
+        name = part.header.get("name", "")
         channels = {channel: np.asarray(content.pixels) for channel, content in part.channels.items()}
         attributes: dict[str, str | float | int] = {key: text for key, text in texts.items() if key not in RESERVED}
         if texts.get(PART_COUNT) != str(len(file.parts)) or _crc32(name, channels, attributes) != texts.get(CRC):
@@ -152,7 +154,8 @@ def _opened(path: Path, require_few: Callable[[int], None] = lambda values: None
 def _values(part: OpenEXR.Part) -> int:
     """Count of the numbers in a part, or in one of its tiles if these are larger, by its header."""
     first, last = part.header["dataWindow"]
-    extent, tiles = last.astype(np.int64) - first + 1, part.header.get("tiles")
+    extent = last.astype(np.int64) - first + 1
+    tiles = part.header.get("tiles")
     of_tile = tiles.xSize * tiles.ySize if tiles else 0
     return len(part.header["channels"]) * max(int(extent[0]) * int(extent[1]), of_tile)
 

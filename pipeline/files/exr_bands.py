@@ -90,7 +90,8 @@ def read_headers(stream: BinaryIO) -> list[Header]:
     if magic != MAGIC or len(version) < 4:
         raise UnknownLayout("not an OpenEXR file")
     data = stream.read(_LONGEST)
-    many, taken = bool(struct.unpack("<I", version)[0] & MULTIPART), io.BytesIO(data)
+    many = bool(struct.unpack("<I", version)[0] & MULTIPART)
+    taken = io.BytesIO(data)
     headers = [_header(taken)]
     while many and (following := _header(taken)).attributes:
         headers.append(following)
@@ -101,7 +102,8 @@ def read_headers(stream: BinaryIO) -> list[Header]:
 def _header(stream: io.BytesIO) -> Header:
     attributes = {}
     while name := _name(stream):
-        kind, size = _name(stream), struct.unpack("<i", _exactly(stream, 4))[0]
+        kind = _name(stream)
+        size = struct.unpack("<i", _exactly(stream, 4))[0]
         attributes[name.decode()] = kind.decode(), _exactly(stream, size)
     return Header(attributes)
 
@@ -239,7 +241,8 @@ def _joined(first: int, second: int, second_bytes: int) -> int:
     while second_bytes:
         if second_bytes & 1:
             shift = _product(shift, power)
-        power, second_bytes = _product(power, power), second_bytes >> 1
+        power = _product(power, power)
+        second_bytes = second_bytes >> 1
     return _product(first, shift) ^ second
 
 

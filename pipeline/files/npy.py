@@ -81,7 +81,8 @@ def _header(stream: BinaryIO, path: Path) -> tuple[tuple[int, ...], np.dtype]:
         raise DamagedFile(path, f"not a readable .npy file ({error})") from error
     if dtype.hasobject:
         raise DamagedFile(path, "it holds objects, not numbers")
-    promised, there = math.prod(shape) * dtype.itemsize, path.stat().st_size - stream.tell()
+    promised = math.prod(shape) * dtype.itemsize
+    there = path.stat().st_size - stream.tell()
     if min(shape, default=0) < 0 or promised != there:
         raise DamagedFile(path, f"its header promises {promised} bytes, and there are {there}")
     return shape, dtype

@@ -46,7 +46,8 @@ def ends_of(content: bytes, suffix: str) -> tuple[float, float, float]:
     """Bounds below and above all pixels of a picture as `decoded` returns them [1], and the least of the fourth
     components; raises as `decoded`.
     """
-    ends, scale = (0.0, 1.0), 1.0
+    ends = (0.0, 1.0)
+    scale = 1.0
     if suffix in _FORMATS:
         values, scale = _from_8_or_16_bits(content, suffix)
     else:
@@ -104,7 +105,8 @@ def _with_four(values: np.ndarray) -> np.ndarray:
 
 def _require_few(values: int) -> None:
     """Refuse an array of this many numbers, four for each pixel, before memory is allocated for it."""
-    pixels, most = -(-values // 4), limits().picture_pixels
+    pixels = -(-values // 4)
+    most = limits().picture_pixels
     if pixels > most:
         message = f"has {values:,} numbers, as {pixels:,} pixels do; a picture may have {most:,} pixels"
         raise PipelineError(message, hint=how_to_raise("picture_pixels", pixels))

@@ -40,7 +40,8 @@ def read_png(path: str | Path) -> np.ndarray:
         raise DamagedFile(path, f"{width_px} x {height_px} pixels cannot come from so short a file")
     try:
         with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
-            mode, pixels = picture.mode, np.array(picture)
+            mode = picture.mode
+            pixels = np.array(picture)
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError, zlib.error) as error:
         raise DamagedFile(path, f"not a readable PNG file ({error})") from error
     if mode not in ("RGB", "L", "I;16"):

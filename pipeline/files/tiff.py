@@ -135,7 +135,9 @@ def read_tiff(path: str | Path) -> tuple[np.ndarray, Json]:
     try:
         with tifffile.TiffFile(io.BytesIO(data)) as file:
             page = file.pages.first
-            start, shape, about = page.dataoffsets[0], (page.imagelength, page.imagewidth), json.loads(page.description)
+            start = page.dataoffsets[0]
+            shape = (page.imagelength, page.imagewidth)
+            about = json.loads(page.description)
         crc = about.pop(CRC)
     except Exception as error:  # a damaged tag may lead tifffile anywhere
         raise DamagedFile(path, f"not a readable TIFF file of this program ({error})") from error
@@ -174,7 +176,8 @@ class Negative:
 
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json, negative: Negative) -> None:
     """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG lacks."""
-    maker, model = _MAKER, negative.model.encode("ascii", "backslashreplace").decode()
+    maker = _MAKER
+    model = negative.model.encode("ascii", "backslashreplace").decode()
     tags = [
         _tag("Make", DATATYPE.ASCII, maker),
         _tag("Model", DATATYPE.ASCII, model),
@@ -231,7 +234,8 @@ def _of_filters(filters: tuple[str, ...]) -> Iterator[Tag]:
         return
     if unknown := nameless_filters(filters):
         raise ValueError(f"no DNG of the filters {', '.join(unknown)}: it knows {', '.join(COLOURS)}")
-    edge, numbers = math.isqrt(len(filters)), [COLOURS.index(colour_of(name) or "") for name in filters]
+    edge = math.isqrt(len(filters))
+    numbers = [COLOURS.index(colour_of(name) or "") for name in filters]
     yield _tag("CFARepeatPatternDim", DATATYPE.SHORT, (edge, edge))
     yield _tag("CFAPattern", DATATYPE.BYTE, bytes(numbers))
     yield _tag("CFAPlaneColor", DATATYPE.BYTE, bytes(sorted(set(numbers))))

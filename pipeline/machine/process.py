@@ -45,7 +45,8 @@ class Stderr(io.TextIOWrapper):
 @contextlib.contextmanager
 def hushed() -> Iterator[None]:
     """Context in which nothing reaches stderr: libraries write there unasked, and quote files unescaped."""
-    saved, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    saved = os.dup(2)
+    nothing = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nothing, 2)
     try:
         with warnings.catch_warnings():

@@ -1,12 +1,12 @@
-"""Pixels that see only one colour: their value is that colour times the light of a white scene, without noise.
+"""Pixels of uniform colour: such a pixel is its colour times the light of a white scene, without noise.
 
-Beams, the rays of a few points of the sensor, show where the light of every pixel may come from; see
-`camera.tracing.beams`. The judgement is conservative: a pixel of one colour may be called undecided, and is then
-sampled. Light through the microlens of a pixel's cell and light through other microlenses are judged separately.
+Beams, the rays of a few sensor points, bound where the light of every pixel may come from; see `camera.tracing.beams`.
+The judgement is conservative: a pixel of uniform colour may be called undecided, and is then sampled. Light through the
+microlens of a pixel's cell and light through other microlenses are judged separately.
 
-A footprint is a box around the points where the beam of a pixel meets a plane, interpolated by cubics in x and y
-from the rays of its block. The box is enlarged by a seventh of its size, because of rays between the traced ones; by
-the extent of the pixel's square; and by the possible error of the cubics.
+A footprint is a box around the points where the beam of a pixel meets a plane, interpolated by cubics in x and y from
+the rays of its block. The box is enlarged by a seventh of its size, because of rays between the traced ones; by the
+extent of the pixel's square; and by the possible error of the cubics.
 """
 
 import math
@@ -33,9 +33,9 @@ _NODES_WITHIN = 0.75
 TOUCHING_MM = 1e-2
 """Margin around a solid [mm]: its true surface may lie so far in front of its mesh."""
 BEHIND, FRONT, BACK, ODD = range(4)
-"""Relation of all rays of a beam to a plane: behind their start, its front or its back is met, or mixed [1]."""
+"""Relation of all rays of a beam to a plane: behind their start, meeting its front, its back, or mixed [1]."""
 NOTHING, SHEET, UNDECIDED = range(3)
-"""Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several things."""
+"""Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several surfaces."""
 _ROOM = 1.15
 """Enlargement of a footprint over the box around its rays [1]."""
 _BEYOND = 1.5
@@ -66,7 +66,7 @@ class Places(NamedTuple):
 
 
 class Meeting(NamedTuple):
-    """Points where beams meet a plane."""
+    """Intersections of beams with a plane."""
 
     points: np.ndarray  # (b, NODES^2, 2, RAYS), x and y in the plane [mm]
     side: np.ndarray  # (b,), relation of all rays of a beam to the plane
@@ -74,7 +74,7 @@ class Meeting(NamedTuple):
 
 
 class Footprints:
-    """Footprints of the pixels of a band, on whatever is before the camera."""
+    """Footprints of the pixels of a band on the objects before the camera."""
 
     def __init__(self, band: Band) -> None:
         rig = band.rig
@@ -87,15 +87,16 @@ class Footprints:
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
     def undecided(self) -> np.ndarray:
-        """NaN for both parts of each pixel, (2, n), for what no footprint can judge."""
+        """NaN for both parts of each pixel, (2, n): the verdict about objects that no footprint can judge."""
         return np.full((len(self._parts), len(self._parts[0].positions)), np.nan)
 
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel see, (2, n): of the background, one colour of a sheet, or NaN."""
+        """Light that both parts of each pixel receive, (2, n): of the background, of one colour of a sheet, or NaN."""
         shape = len(self._parts), len(self._parts[0].positions)
-        verdict, light = np.full(shape, NOTHING, np.int8), np.full(shape, background)
+        verdict = np.full(shape, NOTHING, np.int8)
+        light = np.full(shape, background)
         for points in solids:
             low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
             (left, bottom, front), (right, top, back) = low.tolist(), high.tolist()
@@ -106,11 +107,12 @@ class Footprints:
             for part, judged in zip(self._parts, verdict, strict=True):
                 look_past_solid(bounds, part, near, far, judged)
         for patch, pose in sheets:
-            meeting, whole = self._meeting(pose), np.empty(len(self._blocks.step_mm))
-            whole_blocks(patch.drawing.arrays, meeting, whole)
+            meeting = self._meeting(pose)
+            colour_of_block = np.empty(len(self._blocks.step_mm))
+            whole_blocks(patch.drawing.arrays, meeting, colour_of_block)
             sheet = patch.drawing.arrays, np.array(patch.colours)
-            for part, judged, seen in zip(self._parts, verdict, light, strict=True):
-                look_at_sheet(*sheet, part, meeting, whole, judged, seen)
+            for part, judged, lit in zip(self._parts, verdict, light, strict=True):
+                look_at_sheet(*sheet, part, meeting, colour_of_block, judged, lit)
         light[verdict == UNDECIDED] = np.nan
         return light
 
@@ -123,7 +125,7 @@ class Footprints:
 
 
 def _tiles(band: Band) -> tuple[Blocks, np.ndarray]:
-    """Tiles of the sensor, the same for any rows and columns, and the tile of each pixel (n, 1)."""
+    """Tiles of the sensor, independent of the rows and columns of the band, and the tile of each pixel (n, 1)."""
     tracer = band.rig.tracer
     down, along = ((first // _TILE_PX, -(-end // _TILE_PX)) for first, end in (band.rows, band.columns))
     y, x = (axis.ravel() for axis in np.mgrid[slice(*down), slice(*along)])
@@ -137,17 +139,17 @@ def _tiles(band: Band) -> tuple[Blocks, np.ndarray]:
 def _behind(rig: Rig, images: MicroImages, strata: np.ndarray) -> tuple[Blocks, np.ndarray]:
     """The block lit by each microlens, and for each pixel the indices of its microlenses among them (n, s)."""
     microlens = np.unique(strata[strata != SKIP])
-    place = np.full(len(images.centre_mm) + 1, -1)
-    place[microlens] = np.arange(len(microlens))
+    index = np.full(len(images.centre_mm) + 1, -1)
+    index[microlens] = np.arange(len(microlens))
     reach = images.reach_mm[microlens] + rig.tracer.camera.sensor.pitch_mm + rig.diffraction.reach_mm
     step = 2 * _NODES_WITHIN * reach / (NODES - 1)
-    blocks_of = place[np.where(strata == SKIP, -1, strata)]
+    blocks_of = index[np.where(strata == SKIP, -1, strata)]
     return Blocks(microlens, np.ascontiguousarray(images.centre_mm[microlens]), step), blocks_of
 
 
 @kernel
 def meet_plane(beams, pose, edge_mm, step_mm, meeting):
-    """Find the points where the beams of blocks meet the plane z = 0 of a frame; `meeting` is written."""
+    """Intersect the beams of blocks with the plane z = 0 of a frame; `meeting` is written."""
     for b in range(step_mm.shape[0]):
         front, back, behind = 0, 0, 0
         for m in range(NODES * NODES):
@@ -211,7 +213,7 @@ def _wider(left, right, bottom, top, factor, more):
 
 @kernel
 def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
-    """Judge how pixels see one more sheet.
+    """Update the verdicts of pixels by one more sheet.
 
     `colours`, (2,) float64: radiance of black and of white.
     `colour_of_block`, (b,) float64: colours from `whole_blocks`.
@@ -220,7 +222,8 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):
-        known, faces = math.nan, ODD
+        common_colour = math.nan
+        faces = ODD
         for j in range(places.blocks.shape[1]):
             b = places.blocks[n, j]
             if b < 0 or verdict[n] == UNDECIDED:
@@ -230,16 +233,16 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
                 left, right, bottom, top = _footprint(meeting, b, places, n, u, v)
                 colour = colour_of_box(drawing, left, right, bottom, top)
             side = BEHIND if colour == BESIDE else meeting.side[b]
-            if colour == MIXED or not (math.isnan(known) or (known == colour and faces == side)):
+            if colour == MIXED or not (math.isnan(common_colour) or (common_colour == colour and faces == side)):
                 verdict[n] = UNDECIDED
-            known, faces = colour, side
-        if verdict[n] == UNDECIDED or math.isnan(known) or known == BESIDE:
+            common_colour, faces = colour, side
+        if verdict[n] == UNDECIDED or math.isnan(common_colour) or common_colour == BESIDE:
             continue
         if verdict[n] == SHEET:  # another sheet is seen, too
             verdict[n] = UNDECIDED
             continue
         verdict[n] = SHEET
-        light[n] = 0.0 if faces == BACK else colours[int(known)]
+        light[n] = 0.0 if faces == BACK else colours[int(common_colour)]
 
 
 @inline
@@ -272,12 +275,12 @@ def _cubic(x):
 
 @kernel
 def look_past_solid(bounds, places, near, far, verdict):
-    """Mark pixels as undecided if they may see something within bounds besides the background or a sheet.
+    """Mark pixels as undecided if they may see an object in addition to the background or a sheet.
 
     Between two planes a ray stays within the boxes that it meets on both.
 
-    `bounds`, Box: around the thing, vision frame.
-    `near`, `far`, Meeting: meetings with the planes across the axis where it begins and ends.
+    `bounds`, Box: around the object, vision frame.
+    `near`, `far`, Meeting: intersections with the planes across the axis at its ends.
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):

@@ -32,7 +32,7 @@ from pipeline.targets.vectors import row
 
 @kernel
 def may_meet(boxes, origin, direction, near):
-    """Whether rays meet any box with edges along the axes, in front of their start.
+    """Whether rays meet any axis-aligned box in front of their start.
 
     `boxes`, (k, 2, 3) float64: lowest and highest corner.
     `near`, (n,) bool: written; true also where a ray holds NaN.
@@ -40,7 +40,8 @@ def may_meet(boxes, origin, direction, near):
     for i in range(near.size):
         near[i] = False
         for k in range(boxes.shape[0]):
-            enters, leaves = 0.0, math.inf
+            enters = 0.0
+            leaves = math.inf
             for axis in range(3):
                 per = 1.0 / direction[i, axis]
                 a, b = (boxes[k, 0, axis] - origin[i, axis]) * per, (boxes[k, 1, axis] - origin[i, axis]) * per
@@ -68,7 +69,7 @@ def first_sheet(poses, half_sizes, origin, direction, first):
 
 @kernel
 def add_light(artwork, background, rays, pixels, wanted, image):
-    """Add the light of rays to an image, ray by ray, if all that they may meet is a flat patch before a background.
+    """Add the light of rays to an image, ray by ray, if the scene is a flat patch before a background.
 
     `rays`, `pixels`, camera.records.Leaving, (n,) int64: rays, and the pixel of each.
     `wanted`, `image`, (m,) bool, (m,) float64: pixels that are added to, and their sums.
@@ -76,7 +77,10 @@ def add_light(artwork, background, rays, pixels, wanted, image):
     # Plain numbers stay in registers; the arrays of a drawing would be passed on for every ray.
     drawing, colours, pose = artwork
     origin, direction, share, _ = rays
-    half_x, half_y, black, white = drawing.half_x, drawing.half_y, colours[0], colours[1]
+    half_x = drawing.half_x
+    half_y = drawing.half_y
+    black = colours[0]
+    white = colours[1]
     is_checks, columns, rows, square = only_checks(drawing)
     for i in range(pixels.size):
         if not wanted[pixels[i]]:
@@ -96,13 +100,13 @@ def add_light(artwork, background, rays, pixels, wanted, image):
 
 @kernel
 def add_values(share, light, pixels, image):
-    """Add light (n,) of rays by their shares (n,) to their pixels (n,), ray by ray."""
+    """Add light (n,) of rays, times their shares (n,), to their pixels (n,), ray by ray."""
     for i in range(pixels.size):
         image[pixels[i]] += share[i] * light[i]
 
 
 _FEW = 8
-"""Most flat sheets that are tried one by one for every ray; for more of them Embree's tree is faster."""
+"""Most flat sheets that are tried one by one for every ray; beyond that Embree's tree is faster."""
 Placed = Sequence[tuple[AnyTarget, np.ndarray]]
 """Targets with their poses vision_from_target."""
 
@@ -111,7 +115,8 @@ class PatchLight:
     """A patch of a target at a pose vision_from_patch, which shines like its artwork."""
 
     def __init__(self, patch: Patch, vision_from_patch: Float64[np.ndarray, "4 4"]) -> None:
-        self._patch, self._pose = patch, np.ascontiguousarray(vision_from_patch)
+        self._patch = patch
+        self._pose = np.ascontiguousarray(vision_from_patch)
         self._triangles = np.ascontiguousarray(patch.mesh())
         self.artwork = kernels.Artwork(patch.drawing.arrays, np.array(patch.colours), self._pose)
 
@@ -131,7 +136,7 @@ class PatchLight:
         direction: Float64[np.ndarray, "n 3"],
         light: Float64[np.ndarray, "n"],
     ) -> None:
-        """Write the light of the rays that meet a triangle of this patch first; -1 marks all other rays."""
+        """Write the light of the rays whose first hit is a triangle of this patch; -1 marks all other rays."""
         kind = self._patch.kind
         if kind == PLANE:
             kernels.plane_light(self.artwork, triangle >= 0, origin, direction, light)
@@ -162,19 +167,19 @@ class TargetLight:
         self._others = [occluder.radiance for occluder, _ in occluders]
         self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
         meshes = [light.mesh_in_vision() for light in self._lights]
-        others = [in_vision(occluder, pose) for occluder, pose in occluders]
+        occluder_meshes = [in_vision(occluder, pose) for occluder, pose in occluders]
         curved = [mesh for mesh, light in zip(meshes, self._lights, strict=True) if not light.is_flat]
-        self._solids = [mesh.reshape(-1, 3) for mesh in [*curved, *others]]
+        self._solids = [mesh.reshape(-1, 3) for mesh in [*curved, *occluder_meshes]]
         boxes = [(points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM) for points in self._solids]
         self._boxes = np.array(boxes).reshape(-1, 2, 3)
         halves = [(patch.drawing.half_x_mm, patch.drawing.half_y_mm) for patch, _ in self._flat]
         poses = np.array([pose for _, pose in self._flat]).reshape(-1, 4, 4)
         self._sheets = (poses, np.array(halves).reshape(-1, 2)) if len(self._flat) <= _FEW else None
         if len(self._boxes) or self._sheets is None:
-            self._scene = MeshScene([*meshes, *others])
+            self._scene = MeshScene([*meshes, *occluder_meshes])
 
     def in_light(self, number: int) -> "TargetLight":
-        """The same for every wavelength: nothing here has a colour."""
+        """This light, whatever the wavelength: nothing here has a colour."""
         return self
 
     def seen(self, sight: Footprints) -> np.ndarray:
@@ -188,7 +193,7 @@ class TargetLight:
         wanted: Bool[np.ndarray, "m"],
         image: Float64[np.ndarray, "m"],
     ) -> None:
-        """Add the light of rays to their pixels (n,) of an image, if these are wanted.
+        """Add the light of rays to their pixels (n,) of an image, where these are wanted.
 
         `wanted`, `image`: selected pixels, and the image, by pixel.
         """
@@ -196,9 +201,10 @@ class TargetLight:
         if self._is_one_sheet:
             add_light(self._lights[0].artwork, self._background, rays, pixels, wanted, image)
             return
-        some = np.flatnonzero(wanted[pixels])
-        if len(some) < len(pixels):
-            rays, pixels = Leaving(*(values[some] for values in rays)), pixels[some]
+        hits = np.flatnonzero(wanted[pixels])
+        if len(hits) < len(pixels):
+            rays = Leaving(*(values[hits] for values in rays))
+            pixels = pixels[hits]
         value = self.radiance(rays.origin, rays.direction)
         add_values(rays.share, value, pixels, image)
 
@@ -215,11 +221,11 @@ class TargetLight:
             self._by_embree(origin_mm, direction, light)
             return light
         self._by_sheets(origin_mm, direction, light)  # of all rays, because most are not near, and copies cost more
-        some = np.flatnonzero(near)
-        if len(some):
-            asked = np.full(len(some), self._background)
-            self._by_embree(origin_mm[some], direction[some], asked)
-            light[some] = asked
+        hits = np.flatnonzero(near)
+        if len(hits):
+            asked = np.full(len(hits), self._background)
+            self._by_embree(origin_mm[hits], direction[hits], asked)
+            light[hits] = asked
         return light
 
     @property
@@ -245,7 +251,7 @@ class TargetLight:
 
 
 def inked(targets: Placed, colours: Sequence[Colours], number: int, slices: slice = slice(None)) -> Placed:
-    """Targets at a wavelength of an image, in the mean of some of its slices; no colours at all: as they are."""
+    """Targets at a wavelength of an image, averaged over some of its slices; unchanged if no colours are given."""
     inked_targets: list[tuple[AnyTarget, np.ndarray]] = []
     for (target, pose), light in zip(targets, colours or [()] * len(targets), strict=True):
         if light and isinstance(target, Target):

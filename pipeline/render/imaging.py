@@ -1,10 +1,9 @@
 """Images: relative irradiance of every pixel, by tracing rays from the pixel's square through the camera.
 
-In light of several wavelengths it is the sum of those in each, all relative to the white scene on the axis. The rays
-that leave the camera do not depend on the scene, so images of several scenes share them. Pixels that see one colour
-take no rays of their own: they are that colour times the light of a white scene. Random rays only estimate that light;
-without microlenses it changes smoothly over the sensor, and is known by quadrature at a few positions, with a cubic
-through four of them in between.
+Light of several wavelengths is summed, all relative to the white scene on the axis. The rays that leave the camera do
+not depend on the scene, so images of several scenes share them. A pixel of uniform colour takes no rays of its own: it
+is that colour times the light of a white scene. Random rays only estimate that light; without microlenses it varies
+smoothly over the sensor, and is computed by quadrature at a few positions and interpolated by cubics.
 """
 
 import itertools
@@ -28,9 +27,10 @@ _STEP_PX = 16
 """Most pixels between two positions."""
 _STEPS = 40
 """Least number of steps along the longer edge, unless there are fewer pixels [1]: cubics are then right to 1e-4 rms, to
-1.5e-3 where vignetting begins at the edge of the image, and to 1e-6 where there is none."""
+1.5e-3 where vignetting begins at the edge of the image, and to 1e-6 without vignetting.
+"""
 _CUBIC = 4
-"""Positions that a cubic passes."""
+"""Positions that a cubic interpolates."""
 _LEVEL = 1
 """Level of quadrature, see `integrals`: right to 1e-6."""
 
@@ -66,10 +66,10 @@ class SceneView(Protocol):
 
 
 def known_flux(band: Band) -> np.ndarray | None:
-    """Integral of the weight of all rays that leave from each pixel of a band, (n,); None where it is not so smooth.
+    """Integral of the weight of all rays that leave from each pixel of a band, (n,); None if it is not smooth enough.
 
-    That is behind microlenses, with diffraction, for images of less than four pixels along an edge, and where bundles
-    are empty, in pieces or have holes.
+    That is so behind microlenses, with diffraction, for images of fewer than four pixels along an edge, and where
+    bundles are empty, in pieces or have holes.
     """
     sensor = band.rig.tracer.camera.sensor
     size_px = sensor.height_px, sensor.width_px
@@ -77,7 +77,7 @@ def known_flux(band: Band) -> np.ndarray | None:
         return None
     step_px = min(float(_STEP_PX), max(1.0, max(size_px) / _STEPS))
     wanted = np.arange(*band.rows), np.arange(*band.columns)
-    rows, columns = (_Cubics.of(size, some, step_px) for size, some in zip(size_px, wanted, strict=True))
+    rows, columns = (_Cubics.of(size, axis_pixels, step_px) for size, axis_pixels in zip(size_px, wanted, strict=True))
     y_px, x_px = np.meshgrid(rows.positions_px, columns.positions_px, indexing="ij")
     positions = np.stack([x_px.ravel(), y_px.ravel()], axis=1)
     planes = np.broadcast_to(parallel_planes(1.0, 2.0), (len(positions), 2, 4, 3))
@@ -94,29 +94,30 @@ class _Cubics:
 
     positions_px: np.ndarray  # (m,), all lie in the image; a pixel has the same four whichever others are asked for
     # (n, 4), those of each pixel, and their weights in its value, by Lagrange
-    place: np.ndarray
+    nodes: np.ndarray
     weight: np.ndarray
 
     @staticmethod
     def of(size_px: int, wanted_px: Int64[np.ndarray, "n"], step_px: float) -> "_Cubics":
-        """Cubics that some pixels need, of an edge of so many, through positions at most a step apart."""
+        """Cubics for some pixels of an edge of this length, through positions at most a step apart."""
         count = max(_CUBIC, math.ceil((size_px - 1) / step_px) + 1)
         step = (size_px - 1) / (count - 1)
         first = np.clip((wanted_px / step).astype(int) - 1, 0, count - _CUBIC)
-        place = first[:, None] + np.arange(_CUBIC)
-        off, weight = wanted_px[:, None] / step - place, np.ones(place.shape)
+        nodes = first[:, None] + np.arange(_CUBIC)
+        off = wanted_px[:, None] / step - nodes
+        weight = np.ones(nodes.shape)
         for node, other in itertools.permutations(range(_CUBIC), 2):
             weight[:, node] *= off[:, other] / (node - other)
-        used = np.unique(place)
-        return _Cubics(used * step, np.searchsorted(used, place), weight)
+        used = np.unique(nodes)
+        return _Cubics(used * step, np.searchsorted(used, nodes), weight)
 
 
 def _between(values: Float64[np.ndarray, "y x"], rows: _Cubics, columns: _Cubics) -> np.ndarray:
-    """Values of all pixels, term by term: a product of matrices would round differently for other rows."""
-    result = np.zeros((len(rows.place), len(columns.place)))
+    """Values of all pixels, summed term by term: a product of matrices would round differently for other rows."""
+    result = np.zeros((len(rows.nodes), len(columns.nodes)))
     for i, j in itertools.product(range(_CUBIC), repeat=2):
         weight = rows.weight[:, i, None] * columns.weight[None, :, j]
-        result += weight * values[rows.place[:, i, None], columns.place[None, :, j]]
+        result += weight * values[rows.nodes[:, i, None], columns.nodes[None, :, j]]
     return result
 
 
@@ -142,16 +143,17 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
 def irradiance_and_crosstalk(
     rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None, columns: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The image, and its part through other microlenses than that of the pixel's cell, (h, w) each: see `irradiance`.
+    """The image, and its part through microlenses other than that of the pixel's cell, (h, w) each: see `irradiance`.
 
-    `samples`: their number, or which of them.
+    `samples`: their number, or a batch of them.
     """
-    band, batch = Band.of(rig, rows, columns), batch_of(samples)
+    band = Band.of(rig, rows, columns)
+    batch = batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
     for rays in rays_of(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):
         origin, direction, share, _ = rays.leaving
         value = share if radiance is None else share * radiance(origin, direction)
-        other = rays.way > 0
+        other = rays.route > 0
         result[rays.pixels] = np.bincount(rays.row, value, minlength=len(rays.pixels))
         foreign[rays.pixels] = np.bincount(rays.row[other], value[other], minlength=len(rays.pixels))
     return _relative(rig, result).reshape(band.shape), _relative(rig, foreign).reshape(band.shape)
@@ -167,18 +169,21 @@ def pictures(
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width); each is identical, to the bit, to the image computed alone.
 
-    So are some rows, and some columns but for the first and the last of them: the light of a conventional camera's
-    pixel is steadied by those beside.
+    So are some rows, and some columns but for the first and the last of them: neighbouring pixels of a conventional
+    camera share a control variate.
 
-    Light through the microlens of a pixel's cell and light through other microlenses are treated separately: a part
-    of one colour is that colour times `white`; other parts are sampled.
+    Light through the microlens of a pixel's cell and light through other microlenses are treated separately: a part of
+    one colour is that colour times `white`; other parts are sampled.
 
-    `white`: the white image of the same pixels in these two parts, relative; a conventional camera has no second one,
-        and the noise of its rays in images only if its white image is of the same rays.
+    `white`: the white image of the same pixels in these two parts, relative. For a conventional camera there is no
+    second
+        part, and the noise of its rays enters images only if its white image is of the same rays.
     """
-    band, parts = Band.of(rig, rows, columns), white.reshape(2, -1)
-    colour, known = colours(band, scenes), parts[0] if rig.images is None else None
-    image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour, known), colour * parts)
+    band = Band.of(rig, rows, columns)
+    parts = white.reshape(2, -1)
+    colour = colours(band, scenes)
+    exact = parts[0] if rig.images is None else None
+    image = np.where(np.isnan(colour), sampled(band, Batch(samples), scenes, parts, colour, exact), colour * parts)
     return image.sum(axis=1).reshape(-1, *white.shape[1:])
 
 
@@ -194,44 +199,48 @@ def sampled(
     scenes: Sequence[Scene],
     white: Float64[np.ndarray, "2 n"],
     colour: Float64[np.ndarray, "scenes 2 n"],
-    known: Float64[np.ndarray, "n"] | None,
+    exact: Float64[np.ndarray, "n"] | None,
 ) -> np.ndarray:
-    """Sampled light of both parts of each pixel, relative, (scenes, 2, n); 0 where `colour` is known.
+    """Sampled light of both parts of each pixel, relative, (scenes, 2, n); 0 where `colour` is decided.
 
     `white`: the white image in these two parts, by whose light rays are shared out.
-    `known`: the white image of a conventional camera without noise, by which images are steadied.
+    `exact`: the white image of a conventional camera without noise, the control variate of images.
     """
-    count, wanted = len(band.strata), np.isnan(colour)
+    count = len(band.strata)
+    wanted = np.isnan(colour)
     counts = _counts(batch.first, white, wanted.any(axis=0), band.strata) * (batch.samples // batch.first)
-    result, flux = np.zeros((len(scenes), 2 * count)), np.zeros(count)
+    result = np.zeros((len(scenes), 2 * count))
+    flux = np.zeros(count)
     for rays in rays_of(band, batch, counts):
-        part = rays.pixels[rays.row] + count * (rays.way > 0)
+        part = rays.pixels[rays.row] + count * (rays.route > 0)
         flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
         for scene, is_sampled, image in zip(scenes, wanted, result, strict=True):
             scene.add(rays, part, is_sampled.ravel(), image)
     result, flux = _relative(band.rig, result), _relative(band.rig, flux)
-    if known is not None:
+    if exact is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
-            seen = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
-        for is_sampled, image, radiance in zip(wanted[:, 0], result, seen, strict=True):
-            image[:count][is_sampled] += _steadied(radiance.reshape(band.shape), known - flux)[is_sampled]
+            estimate = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
+        for is_sampled, image, radiance in zip(wanted[:, 0], result, estimate, strict=True):
+            image[:count][is_sampled] += _steadied(radiance.reshape(band.shape), exact - flux)[is_sampled]
     return result.reshape(wanted.shape)
 
 
-def _steadied(seen: Float64[np.ndarray, "y x"], missing: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Light to be added to each pixel because its rays happen to carry more or less flux than is known, (n,)."""
+def _steadied(colour: Float64[np.ndarray, "y x"], missing: Float64[np.ndarray, "n"]) -> np.ndarray:
+    """Control variate: light to add to each pixel because its rays carry more or less flux than the exact flux,
+    (n,).
+    """
     # A control variate: the missing flux times the radiance that the pixel and those on both sides see, of the darkest
     # one. Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark
     # one. The pixels beside have random numbers of their own, so that they bring no bias. A pixel darker than both
     # becomes the mean radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and
     # so little is the bias of such a quotient.
-    beside = np.pad(seen, ((0, 0), (1, 1)), constant_values=np.nan)
-    darkest = np.fmin(np.fmin(beside[:, :-2], beside[:, 2:]), seen)
+    beside = np.pad(colour, ((0, 0), (1, 1)), constant_values=np.nan)
+    darkest = np.fmin(np.fmin(beside[:, :-2], beside[:, 2:]), colour)
     return np.asarray(np.nan_to_num(darkest).ravel() * missing)
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
-    """Rays through each microlens that lights a pixel, (n, s): all samples for the ones with most of its light."""
+    """Rays through each microlens that lights a pixel, (n, s): all samples for those with most of its light."""
     # For a given total error the number of samples should grow with the root of the light; a quarter of them is the
     # least. `white` and `wanted`, (2, n): light of both parts of each pixel, and whether it is sampled.
     with np.errstate(invalid="ignore"):  # dark pixels
@@ -251,7 +260,7 @@ def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
 
 
 def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray:
-    """The white image and its part through other microlenses than that of the pixel's cell, by wavelength.
+    """The white image and its part through microlenses other than that of the pixel's cell, by wavelength.
 
     `samples`: as in `irradiance_and_crosstalk`, of all wavelengths together.
     Returns (2, height, width, wavelengths) float64: each relative to the white scene on the axis in the same light;
@@ -263,7 +272,7 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None, column
 
 
 def known_white_parts(rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray | None:
-    """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` knows nothing."""
+    """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` is None."""
     parts = []
     for in_light in rig.in_each_light:
         band = Band.of(in_light, rows, columns)
@@ -284,10 +293,12 @@ def pictures_in_lights(
     columns: Rows | None = None,
 ) -> np.ndarray:
     """Images of several scenes, (scenes, height, width), as `pictures`; `white` of the same pixels by `white_parts`."""
-    shared, parts, images = rig.tracer.samples_of_each(samples), own_and_foreign(white), []
+    shared = rig.tracer.samples_of_each(samples)
+    parts = own_and_foreign(white)
+    images = []
     for number, in_light in enumerate(rig.in_each_light):
-        seen = [scene.in_light(number) for scene in scenes]
-        images.append(pictures(in_light, shared, seen, np.ascontiguousarray(parts[..., number]), rows, columns))
+        views = [scene.in_light(number) for scene in scenes]
+        images.append(pictures(in_light, shared, views, np.ascontiguousarray(parts[..., number]), rows, columns))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
 
@@ -302,8 +313,8 @@ def colours_in_lights(bands: Sequence[Band], scenes: Sequence[SceneView]) -> np.
     """
     images = []
     for number, band in enumerate(bands):
-        seen = colours(band, [scene.in_light(number) for scene in scenes])
-        images.append(seen.reshape(len(scenes), 2, *band.shape))
+        colour = colours(band, [scene.in_light(number) for scene in scenes])
+        images.append(colour.reshape(len(scenes), 2, *band.shape))
     return np.stack(images, axis=-1)
 
 
@@ -316,15 +327,17 @@ def sampled_in_lights(
     colour: Float64[np.ndarray, "scenes 2 height width wavelengths"],
 ) -> np.ndarray:
     """The part of images of several scenes of one kind that a batch samples, (scenes, h, w), relative; `white` and
-    `colour` as of the functions above.
+    `colour` as for the functions above.
     """
-    shared, images = _shared(rig.tracer, batch), []
+    shared = _shared(rig.tracer, batch)
+    images = []
     for number, band in enumerate(bands):
-        parts, known = own_and_foreign(white)[..., number].reshape(2, -1), colour[..., number]
+        parts = own_and_foreign(white)[..., number].reshape(2, -1)
+        decided = colour[..., number]
         flux = known_flux(band) if scenes[0].is_sampled else None
         steady = None if flux is None else flux / band.rig.tracer.reference_weight_sr
-        seen = [scene.in_light(number) for scene in scenes]
-        light = sampled(band, shared, seen, parts, known.reshape(len(scenes), 2, -1), steady)
+        views = [scene.in_light(number) for scene in scenes]
+        light = sampled(band, shared, views, parts, decided.reshape(len(scenes), 2, -1), steady)
         images.append(light.sum(axis=1).reshape(-1, *band.shape))
     return in_all(rig.tracer, np.stack(images, axis=-1))
 
@@ -339,7 +352,7 @@ def known_in_lights(
 
 
 def own_and_foreign(white: Float64[np.ndarray, "2 height width wavelengths"]) -> np.ndarray:
-    """White images, of all light and of that through other microlenses, as the two parts that make up all light."""
+    """White images, of all light and of that through other microlenses, as two parts that add up to all light."""
     return np.array([white[0] - white[1], white[1]])
 
 
@@ -349,7 +362,7 @@ def _shared(tracer: Tracer, batch: Batch) -> Batch:
 
 
 def in_all(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]) -> np.ndarray:
-    """Images in all light together from those each wavelength, (..., wavelengths), whose reference bundles differ."""
+    """Sum over wavelengths of images (..., wavelengths), whose reference bundles differ."""
     if by_wavelength.shape[-1] == 1:
         return by_wavelength[..., 0]
     weight = np.array([light.share * light.tracer.reference_weight_sr for light in tracer.lights])

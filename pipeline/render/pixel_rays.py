@@ -1,10 +1,10 @@
-"""Rays that leave a camera from the squares of pixels, for rows of an image, and its passes, until it has as little
-noise as asked for.
+"""Rays that leave a camera from the squares of pixels, for rows of an image, and its passes, until the noise is as low
+as requested.
 
 The first pass takes some samples of each replica, and every further one as many as all before it together. So the
 samples of a pass continue the Sobol sequence of those before, and after each pass they are evenly spread again.
-Replicas are scrambled independently of each other: how far their images differ says how much noise their mean has,
-which a single evenly spread sequence cannot tell.
+Replicas are scrambled independently: the spread of their images estimates the noise of their mean, which a single
+low-discrepancy sequence cannot do (randomised quasi-Monte Carlo: Owen 1997).
 """
 
 import math
@@ -24,12 +24,12 @@ from pipeline.records.shapes import Float64, Int64
 _REPLICA_STEP = 0x85EBCA77
 """Distance of the seeds of two replicas [1]: a prime of xxHash, so large that small seeds of wavelengths never meet."""
 _SEED_BITS = 0xFFFFFFFF
-"""Bits of a seed that count [1]."""
+"""Mask of the bits of a seed."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Samples of one replica that one pass takes."""
+    """Samples of one replica in one pass."""
 
     first: int  # samples of the first pass through a microlens, a power of two
     number: int = 0  # the pass, from 0
@@ -37,7 +37,7 @@ class Batch:
 
     @property
     def samples(self) -> int:
-        """Samples of this pass: the first ones, or as many as of all passes before."""
+        """Samples of this pass: the first ones, or as many as all passes before it."""
         return self.first << max(0, self.number - 1)
 
     @property
@@ -46,35 +46,35 @@ class Batch:
         return self.first << self.number
 
     def seed(self, of_camera: int) -> int:
-        """The seed of the replica's random numbers; of the first replica it is the camera's own."""
+        """Seed of the replica's random numbers; of the first replica it is the camera's own."""
         return (of_camera + self.replica * _REPLICA_STEP) & _SEED_BITS
 
 
 def batch_of(samples: int | Batch) -> Batch:
-    """A number of samples as the only batch."""
+    """These samples as the only batch."""
     return samples if isinstance(samples, Batch) else Batch(samples)
 
 
 def joined(before: Float64[np.ndarray, "..."] | None, now: Float64[np.ndarray, "..."]) -> np.ndarray:
-    """Means over all samples so far, from those over all passes before and over this one, which has as many."""
+    """Means over all samples so far, from those over all earlier passes and over this one, which has as many."""
     return now if before is None else 0.5 * (before + now)
 
 
 def standard_error(replicas: Float64[np.ndarray, "replicas ..."]) -> np.ndarray:
-    """Standard error of the mean of independent images, (...), pixel by pixel; its square has no bias."""
+    """Standard error of the mean of independent images, (...), pixel by pixel; its square is unbiased."""
     return np.std(replicas, axis=0, ddof=1) / math.sqrt(len(replicas))  # type: ignore[no-any-return]
 
 
 def noise_of(error: Float64[np.ndarray, "..."]) -> float:
     """Root mean square of the standard errors of all pixels that have any; 0 if none has."""
-    some = error[error > 0]
-    return float(np.sqrt(np.mean(some**2))) if len(some) else 0.0
+    positive = error[error > 0]
+    return float(np.sqrt(np.mean(positive**2))) if len(positive) else 0.0
 
 
 _RAYS_PER_CHUNK = 1 << 15
-"""Rays that are traced before they are shaded, 64 bytes each, so that they stay in the cache."""
+"""Rays traced before they are shaded, 64 bytes each, so that they stay in the cache."""
 _RAYS_ON_DEVICE = 1 << 21
-"""Rays that are on a device together, 28 bytes each."""
+"""Rays on a device at a time, 28 bytes each."""
 
 
 Rows = tuple[int, int]
@@ -111,17 +111,17 @@ class PixelRays:
 
     pixels: Int64[np.ndarray, "m"]  # the pixels, counted from the first row that is wanted
     squares: Squares  # of these pixels
-    # owners are places of pixels in `pixels` times the number of microlenses in `squares`, plus the microlens
+    # owners are indices of pixels in `pixels` times the number of microlenses in `squares`, plus the microlens
     leaving: Leaving
-    # both parts of the owner of each ray; `way` 0: the microlens of the pixel's cell
+    # both parts of the owner of each ray; `route` 0: the microlens of the pixel's cell
     row: Int64[np.ndarray, "n"]
-    way: Int64[np.ndarray, "n"]
+    route: Int64[np.ndarray, "n"]
     seed: int  # that of the random numbers of these rays
 
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """Rays that are wanted of a band: how many of each pixel through each microlens, and which of its samples."""
+    """Requested rays of a band: number per pixel and microlens, and the samples that they are."""
 
     band: Band
     batch: Batch
@@ -132,54 +132,60 @@ class _Wanted:
         tracer = self.band.rig.tracer
         return Samples(sobol_bits(self.batch.end), self.batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
 
-    def squares(self, some: Int64[np.ndarray, "m"]) -> Squares:
-        row, column = np.divmod(some, self.band.shape[1])
-        counts = self.counts[some]
-        strata = np.where(counts > 0, self.band.strata[some], SKIP)
+    def squares(self, indices: Int64[np.ndarray, "m"]) -> Squares:
+        row, column = np.divmod(indices, self.band.shape[1])
+        counts = self.counts[indices]
+        strata = np.where(counts > 0, self.band.strata[indices], SKIP)
         pixels = np.stack([column + self.band.columns[0], row + self.band.rows[0]], axis=1)
-        return Squares(pixels, self.band.positions_mm[some], strata, counts, counts * (self.batch.number > 0))
+        return Squares(pixels, self.band.positions_mm[indices], strata, counts, counts * (self.batch.number > 0))
 
-    def rays(self, some: Int64[np.ndarray, "m"], squares: Squares, leaving: Leaving) -> PixelRays:
-        row, way = np.divmod(leaving.owner, self.counts.shape[1])
-        return PixelRays(some, squares, leaving, row, way, self.batch.seed(self.band.rig.tracer.seed))
+    def rays(self, indices: Int64[np.ndarray, "m"], squares: Squares, leaving: Leaving) -> PixelRays:
+        row, route = np.divmod(leaving.owner, self.counts.shape[1])
+        return PixelRays(indices, squares, leaving, row, route, self.batch.seed(self.band.rig.tracer.seed))
 
 
 def rays_of(band: Band, batch: Batch, counts: Int64[np.ndarray, "n s"]) -> Iterator[PixelRays]:
-    """Rays of all pixels, so many through each microlens; the next stretch takes the arrays of the last."""
+    """Rays of all pixels, this many through each microlens; the next stretch reuses the arrays of the last."""
     return (_by_processor if band.rig.device is None else _by_device)(_Wanted(band, batch, counts))
 
 
 def _by_processor(wanted: _Wanted) -> Iterator[PixelRays]:
-    tracer, samples, room = wanted.band.rig.tracer, wanted.samples, room_for(0)
+    tracer = wanted.band.rig.tracer
+    samples = wanted.samples
+    room = room_for(0)
     of_pixel = wanted.counts.sum(axis=1)
     pixels = np.flatnonzero(of_pixel)
     for first, end in _stretches(of_pixel[pixels], _RAYS_PER_CHUNK):
-        some = pixels[first:end]
-        most = int(of_pixel[some].sum())
+        stretch = pixels[first:end]
+        most = int(of_pixel[stretch].sum())
         if len(room.share) < most:
             room = room_for(most)
-        squares = wanted.squares(some)
+        squares = wanted.squares(stretch)
         count = bundle_kernels.image_rays(tracer.arrays, samples, squares, wanted.band.rig.diffraction, room)
         bundle_kernels.image_rays.count(most, len(tracer.table))
-        yield wanted.rays(some, squares, room.first(count))
+        yield wanted.rays(stretch, squares, room.first(count))
 
 
 def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
-    """Many are traced together, but handed on in stretches as short as those of processors, which shade them."""
+    """Rays traced in large groups, but handed on in stretches as short as those of processors, which shade them."""
     from pipeline.camera.on_device import ImageRays, leaving_rays
 
-    tracer, of_pixel, room = wanted.band.rig.tracer, wanted.counts.sum(axis=1), room_for(_RAYS_PER_CHUNK)
+    tracer = wanted.band.rig.tracer
+    of_pixel = wanted.counts.sum(axis=1)
+    room = room_for(_RAYS_PER_CHUNK)
     assert wanted.band.rig.device is not None
     tracing = ImageRays(wanted.band.rig.device, tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
     pixels = np.flatnonzero(of_pixel)
     for first, end in _stretches(of_pixel[pixels], _RAYS_ON_DEVICE):
         together = pixels[first:end]
-        rays, before = tracing.started(wanted.squares(together)), 0
+        rays = tracing.started(wanted.squares(together))
+        before = 0
         for low, high in _stretches(of_pixel[together], _RAYS_PER_CHUNK):
-            some = together[low:high]
-            squares, most = wanted.squares(some), int(of_pixel[some].sum())
+            stretch = together[low:high]
+            squares = wanted.squares(stretch)
+            most = int(of_pixel[stretch].sum())
             room = room if most <= len(room.share) else room_for(most)
-            yield wanted.rays(some, squares, room.first(leaving_rays(rays, before, squares.counts, room)))
+            yield wanted.rays(stretch, squares, room.first(leaving_rays(rays, before, squares.counts, room)))
             before += most
 
 

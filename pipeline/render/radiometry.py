@@ -1,13 +1,13 @@
-"""Photons in a pixel by the radiance of what it sees, and the share of light that a lens lets pass.
+"""Photons per pixel from the radiance of the scene, and the transmission of a lens.
 
-The radiance L of what fills the aperture gives a pixel of area A the power L A W T: W is the integral of cos(theta)
-d omega over the bundle, the projected solid angle of the traced pupil (with the acceptance of pixels), and T the share
-of its light that surfaces and glass of the main lens let pass. Each photon has the energy h c / wavelength. In a
-channel the wavelengths that stand for it add W T by their shares.
+The radiance L of a scene that fills the aperture gives a pixel of area A the power L A W T: W is the integral of
+cos(theta) d omega over the bundle, the projected solid angle of the traced pupil (with the acceptance of pixels), and T
+the share of its light that surfaces and glass of the main lens transmit. Each photon has the energy h c / wavelength. A
+channel is the weighted sum of W T over its wavelengths.
 
-Over the image T is the mean over the rays that leave the camera from a pixel, each weighted as images weigh it. It is
-smooth over the field, so that it is traced at a few nodes, with cubic splines between them. Nodes stand at heights
-above the axis where the lens is symmetric about it, and in a grid over the sensor otherwise.
+Over the image, T is the mean over the rays that leave the camera from a pixel, each weighted as images weigh it. It is
+smooth over the field, so that it is traced at a few nodes, with cubic splines between them. Nodes lie at heights above
+the axis where the lens is symmetric about it, and in a grid over the sensor otherwise.
 """
 
 from collections.abc import Callable
@@ -29,11 +29,11 @@ from pipeline.render.sensor.response import Radiance, SensorError
 RAYS = 4096
 """Rays of a bundle whose mean transmission is taken: it varies by percents over a pupil, and they err by 1e-5."""
 _FIRST_NODES, _MOST_NODES = 5, (65, 33)
-"""Nodes along an axis at first, and at last of one axis and of two: steps are halved until the splines are right."""
+"""Initial nodes along an axis, and the most along one axis and two: steps are halved until splines are right."""
 _ERROR = 1e-4
-"""Relative error of a spline at nodes that it does not know, with which the spline through those, too, is right."""
+"""Relative error of a spline at new nodes below which the spline through those, too, is right."""
 _BISECTIONS = 12
-"""Halvings of the height at which light ends: below a pixel on any sensor."""
+"""Bisections for the height at which light ends: below a pixel on any sensor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +54,8 @@ class FieldTransmission:
     def relative_rows(self, first: int, end: int, width: int) -> np.ndarray:
         """Transmission of the pixels of some rows over that of the axis, (end - first, width)."""
         columns, rows = np.arange(width, dtype=float), np.arange(first, end, dtype=float)
-        nodes, shares = tuple(np.array(axis_nodes) for axis_nodes in self.places), np.array(self.shares)
+        nodes = tuple(np.array(axis_nodes) for axis_nodes in self.places)
+        shares = np.array(self.shares)
         if len(nodes) == 2:
             transmission = _between(nodes, shares, (rows, columns))
         else:
@@ -67,14 +68,16 @@ class FieldTransmission:
 def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]) -> FieldTransmission | None:
     """Transmission of a lens over the image, by the losses at each wavelength of the light.
 
-    None where it is that of the axis everywhere: the lens takes no light; or not known: behind microlenses.
+    None where the value on the axis holds everywhere, because the lens is lossless, or where it is unavailable: behind
+    microlenses.
     """
     if camera.microlenses is not None or not any(losses_of_each):
         return None
     # As on the axis: the same random numbers for all wavelengths, whose errors then go together.
     lights = zip(Tracer(camera).lights, losses_of_each, strict=True)
     parts = [(light.share, Tracer(light.tracer.camera), losses) for light, losses in lights]
-    tracer, table = parts[0][1], towards_sensor(parts[0][1].camera.prescription)
+    tracer = parts[0][1]
+    table = towards_sensor(parts[0][1].camera.prescription)
 
     axis_px = tracer.pixels_at(np.zeros((1, 2)))[0]
     drawn_at = round(axis_px[0]), round(axis_px[1])
@@ -86,7 +89,8 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
             rays = bundle_behind(tracer, float(x_px), float(y_px), NO_MICROLENS, RAYS, drawn_at)
             weight = of_signal * float(rays.weight_sr.sum())
             if weight > 0:
-                total, passed = total + weight, passed + weight * _passed(rays, tracer, losses)
+                total = total + weight
+                passed = passed + weight * _passed(rays, tracer, losses)
         return passed / total if total > 0 else np.nan
 
     if camera.is_centred and not table[:, EDGES].any():
@@ -105,17 +109,18 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
 
 
 def _passed(rays: Bundle, tracer: Tracer, losses: Losses | None) -> float:
-    """Share of the light of a bundle that surfaces and glass let pass."""
+    """Share of the light of a bundle that surfaces and glass transmit."""
     if losses is None:
         return 1.0
     # Light comes the other way: from the vision frame to the lens frame, whose y and z point against it.
-    start, way = rays.origin_mm * [1.0, -1.0, -1.0], rays.direction * [-1.0, 1.0, 1.0]
-    passed = transmitted(towards_sensor(tracer.camera.prescription), start - way, way, losses)
+    start = rays.origin_mm * [1.0, -1.0, -1.0]
+    direction = rays.direction * [-1.0, 1.0, 1.0]
+    passed = transmitted(towards_sensor(tracer.camera.prescription), start - direction, direction, losses)
     return float(np.average(passed, weights=rays.weight_sr))
 
 
 def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
-    """Share of the light of the reference bundle that surfaces and glass of the main lens let pass."""
+    """Share of the light of the reference bundle that surfaces and glass of the main lens transmit."""
     if losses is None:
         return 1.0
     x_px, y_px = tracer.pixels_at(tracer.reference[0])[0]
@@ -125,23 +130,25 @@ def axial_transmission(tracer: Tracer, losses: Losses | None) -> float:
 def photon_rate(camera: Camera, radiance: Radiance) -> float:
     """Photons that hit a pixel in a second where the linear image is 1: on the axis, before a white scene [1/s].
 
-    Behind a medium of index n a radiance is n^2 times smaller, as its light fills a wider cone. Photons of a channel
-    count by its relative response; the camera is then the one of the channel.
+    Behind a medium of index n radiance is n^2 times smaller, as its light fills a wider cone (basic radiance L / n^2 is
+    conserved). Photons of a channel count by its relative response; the camera is then the one of the channel.
 
-    Raises SensorError: rays of the camera weigh area, so that no image is one of irradiance.
+    Raises SensorError: rays of the camera weigh area, so that its images are not irradiance.
     """
     if camera.weight != "irradiance":
         raise SensorError("radiance gives photons only where rays weigh irradiance, not area")
-    area_m2, rate = (camera.sensor.pitch_mm * 1e-3) ** 2, 0.0
+    area_m2 = (camera.sensor.pitch_mm * 1e-3) ** 2
+    rate = 0.0
     for light, losses in zip(Tracer(camera).lights, radiance.losses, strict=True):
-        weight_sr, share = light.tracer.reference_weight_sr, axial_transmission(light.tracer, losses)
+        weight_sr = light.tracer.reference_weight_sr
+        share = axial_transmission(light.tracer, losses)
         share /= light.tracer.camera.prescription.index_in_front**2
         rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
     return rate
 
 
 class _Nodes(NamedTuple):
-    """Places of nodes along one axis or two, shares of light there, and the error of the coarser spline."""
+    """Positions of nodes along one axis or two, shares of light there, and the error of the coarser spline."""
 
     places: tuple[np.ndarray, ...]
     shares: np.ndarray
@@ -173,14 +180,15 @@ def _refined(
     while True:
         finer = tuple(np.linspace(nodes[0], nodes[-1], 2 * len(nodes) - 1) for nodes in places)
         coarse = _between(places, _filled(shares), finer)
-        places, shares = finer, shares_at(finer)
+        places = finer
+        shares = shares_at(finer)
         error = float(np.nanmax(np.abs(coarse / shares - 1)))
         if error <= _ERROR or len(places[0]) >= _MOST_NODES[len(places) - 1]:
             return _Nodes(places, _filled(shares), error)
 
 
 def _filled(shares: np.ndarray) -> np.ndarray:
-    """The shares, those of dark places replaced by that of the nearest lit one."""
+    """The shares, with those of dark nodes replaced by that of the nearest lit one."""
     from scipy.ndimage import distance_transform_edt
 
     dark = np.isnan(shares)
@@ -190,11 +198,11 @@ def _filled(shares: np.ndarray) -> np.ndarray:
 
 
 def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, places: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Cubic splines through the shares at nodes, along one axis after the other, at the tensor product of places."""
+    """Cubic splines through the shares at nodes, along one axis after the other, at the tensor product of positions."""
     from scipy.interpolate import CubicSpline
 
     # By height they are even: no slope on the axis.
     start = (1, np.zeros(())) if len(nodes) == 1 else "not-a-knot"
-    for axis, (known, wanted) in enumerate(zip(nodes, places, strict=True)):
-        shares = CubicSpline(known, shares, axis=axis, bc_type=(start, "not-a-knot"))(wanted)
+    for axis, (coarse, fine) in enumerate(zip(nodes, places, strict=True)):
+        shares = CubicSpline(coarse, shares, axis=axis, bc_type=(start, "not-a-knot"))(fine)
     return shares

@@ -1,8 +1,7 @@
 """Obstacles to light: the surfaces of all targets and occluders of a frame, opaque from both sides.
 
-Embree finds in float32 the first triangle that a ray meets, and only its index is used: here its distance is computed
-in double precision, elsewhere the kernels of `targets` compute in float64 whether and where a ray meets the true
-surface.
+Embree finds in float32 the first triangle that a ray meets, and only its index is used: its distance is recomputed here
+in double precision, and elsewhere the kernels of `targets` intersect the true surface in float64.
 """
 
 from collections.abc import Sequence
@@ -45,7 +44,7 @@ class MeshScene:
         self.first_hit(np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
 
     def first_hit(self, origins: Float64[np.ndarray, "n 3"], directions: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Number of the nearest triangle in front of each ray's start, counted over all meshes.
+        """Index of the nearest triangle in front of each ray's start, counted over all meshes.
 
         `directions`: of any length.
         Returns (n,) int32: -1 where the ray meets nothing or holds NaN.
@@ -62,9 +61,10 @@ _TOUCHING_MM = 1e-6
 """Distance from a plane within which an object counts as lying on it [mm]: rounding at 1 m, and touching surfaces."""
 _MESH_MM, _GRAZING = 0.01, 10.0
 """Margin around a bent mesh near its own points [mm]; factor [1] for its sag and for the distance of marked points from
-it, along grazing rays."""
+it, along grazing rays.
+"""
 _SOME = 97
-"""Step between the points that are examined first: a prime, so that it does not coincide with the rows of a mesh."""
+"""Stride of the points that are examined first: a prime, so that it does not coincide with the rows of a mesh."""
 _PRODUCTS_AT_ONCE = 1 << 23
 """Products of planes and points computed at once: 64 MiB; results do not depend on it."""
 
@@ -101,15 +101,15 @@ class Surroundings:
         return np.cross(b - a, c - a)
 
     def may_hide(self, point_mm: Float64[np.ndarray, "n 3"], front: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Whether anything is in front of planes at points with unit normals; with False, a point is surely visible."""
+        """Whether anything is in front of planes at points with unit normals; if not, a point is surely visible."""
         is_hidden = np.zeros(len(point_mm), bool)
         height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
         # A part of the points decides for most planes, all of them for the rest.
         for points in (self._points[::_SOME], self._points):
             left = np.flatnonzero(~is_hidden)
             at_once = max(1, _PRODUCTS_AT_ONCE // max(1, len(points)))
-            for some in (left[start : start + at_once] for start in range(0, len(left), at_once)):
-                is_hidden[some] = (front[some] @ points.T).max(axis=1, initial=-np.inf) > height[some]
+            for chunk in (left[start : start + at_once] for start in range(0, len(left), at_once)):
+                is_hidden[chunk] = (front[chunk] @ points.T).max(axis=1, initial=-np.inf) > height[chunk]
         return is_hidden
 
     def hides(
@@ -120,11 +120,11 @@ class Surroundings:
         origin_mm: Float64[np.ndarray, "n 3"],
         direction: Float64[np.ndarray, "n 3"],
     ) -> np.ndarray:
-        """Whether something is between the camera and the surface at target points, for one ray of each.
+        """Whether an object lies between the camera and the surface at target points, for one ray of each.
 
-        A ray that meets anything before the tangent plane is stopped, unless it meets the surface of the point
-        itself: a bent surface may be in front of its own tangent plane. The hit counts as this surface if it is no
-        farther from the point than twice the distance of the ray's crossing with the plane.
+        A ray that meets anything before the tangent plane is stopped, unless it meets the surface of the point itself:
+        a bent surface may be in front of its own tangent plane. The hit counts as this surface if it is no farther from
+        the point than twice the distance of the ray's intersection with the plane.
 
         `target`, `point_mm`, `front`: index of a target, points of it, and the normals of their tangent planes.
         `origin_mm`, `direction`: rays from the lens into the scene, unit directions.
@@ -136,15 +136,15 @@ class Surroundings:
         if target in self._bent:
             itself = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
             if itself.any():
-                start, way, place = origin_mm[itself], direction[itself], point_mm[itself]
+                start, towards, point = origin_mm[itself], direction[itself], point_mm[itself]
                 apart, blur = (
-                    np.linalg.norm(start + along[itself, None] * way - place, axis=1) for along in (path, to_plane)
+                    np.linalg.norm(start + along[itself, None] * towards - point, axis=1) for along in (path, to_plane)
                 )
                 hidden[itself] = apart > 2 * blur + self._reach(target)
         return hidden
 
     def distance_mm(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
-        """Way along rays with unit directions to the first surface, (n,) [mm]; NaN where there is none, or no ray.
+        """Distance along rays with unit directions to the first surface, (n,) [mm]; NaN where there is none, or no ray.
 
         Bent targets count as their meshes.
         """
@@ -155,7 +155,7 @@ class Surroundings:
         return distance
 
     def _first(self, origin_mm: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The first triangle of each ray, -1 for none, and the way to its plane."""
+        """The first triangle of each ray, -1 for none, and the distance to its plane."""
         triangle = self._scene.first_hit(origin_mm, direction)
         if not len(self._points):
             return triangle, np.full(len(origin_mm), np.nan)

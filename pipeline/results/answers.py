@@ -1,4 +1,4 @@
-"""Answers of a camera made ready: image positions of points, rays of image positions, and where such rays end."""
+"""Answers of a ready camera: image positions of points, rays of image positions, and where such rays end."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -32,18 +32,18 @@ class Projected:
 
     Rows are sorted by point, l and k.
 
-    `point`: number of the point, as they were given, (n,) int64.
+    `point`: index of the point in the argument, (n,) int64.
     `x_px`, `y_px`: (n,) float64; (0, 0) is the centre of the top-left pixel.
-    `error_px`: error of the integral and what Newton's method left, along x and y, (n, 2) float64.
+    `error_px`: quadrature error plus the residual of Newton's method, along x and y, (n, 2) float64.
     `hit_fraction`: (n,) float64.
     `rho_px`: radius of the blur, (n,) float64; positive: the point lies beyond best focus.
-    `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None of a conventional camera.
+    `microlens`, `microlens_type`: k and l, (n, 2) int64, and (n,) int64; None for a conventional camera.
     `fates`: one per point.
-    `t_s`: middle of the exposure of the position's line after the time code, (n,) float64; None without a shutter.
+    `t_s`: mid-exposure time of the position's line relative to the time code, (n,) float64; None without a shutter.
     `blur_px2`: covariance of the bundle at the point, mapped to the image, (n, 2, 2) float64.
-    `derivatives`: of (x_px, y_px) by each number that was asked for, (n, 2) float64 per unit of it, and of those with
-    several (n, 2, k); "point": by x, y and z of the point, (n, 2, 3) [px per mm]. NaN where what passes is in pieces.
-    `blur_derivatives`: of `blur_px2` if asked for, (n, 2, 2) or (n, 2, 2, k).
+    `derivatives`: of (x_px, y_px) by each requested parameter: (n, 2) float64 per unit of a scalar, (n, 2, k) for one
+    with k entries; "point": by x, y and z of the point, (n, 2, 3) [px per mm]. NaN where the bundle is in pieces.
+    `blur_derivatives`: of `blur_px2` if requested, (n, 2, 2) or (n, 2, 2, k).
     """
 
     point: np.ndarray
@@ -71,11 +71,12 @@ class PixelRays:
     """Rays of image positions, vision frame: the straight line of J; NaN where no light leaves the camera.
 
     `x_px`, `y_px`, `hit_fraction`: (n,) float64.
-    `origin_mm`: crossing of the line with the plane z = 0 through the centre of the aperture stop, or, of a camera that
-    sees 80 degrees and more off its axis, its point where the chief ray leaves the first surface, (n, 3) float64.
+    `origin_mm`: intersection of the line with the plane z = 0 through the centre of the aperture stop; for a camera
+    that sees 80 degrees or more off its axis, the point of the line where the chief ray leaves the first surface, (n,
+    3) float64.
     `direction`: into the scene, of length 1, (n, 3) float64.
-    `error_px`: error of the integral, as a distance of image positions, (n, 2) float64.
-    `microlens`: k and l of the one in whose cell the position lies, (n, 2) int64; None of a conventional camera.
+    `error_px`: quadrature error as a distance of image positions, (n, 2) float64.
+    `microlens`: k and l of the one in whose cell the position lies, (n, 2) int64; None for a conventional camera.
     """
 
     x_px: np.ndarray
@@ -87,17 +88,17 @@ class PixelRays:
     microlens: np.ndarray | None
 
     def at_distance(self, z_mm: float) -> np.ndarray:
-        """Points where they cross the plane at vision z, (n, 3) [mm]: J there; NaN for rays that go away from it."""
+        """Intersections with the plane at vision z, (n, 3) [mm]: J there; NaN for rays that lead away from it."""
         z_mm = number("z_mm", z_mm, CameraError)
         along = (z_mm - self.origin_mm[:, 2:]) / self.direction[:, 2:]
         return np.where(self.direction[:, 2:] > 0, self.origin_mm + along * self.direction, np.nan)
 
     @property
     def nearest_point_mm(self) -> np.ndarray:
-        """The point with the least sum of squared distances from those rays that light has, (3,)."""
+        """Point with the least sum of squared distances from the rays that carry light, (3,)."""
         is_lit = np.isfinite(self.direction).all(axis=1)
-        way, origin_mm = self.direction[is_lit], self.origin_mm[is_lit]
-        across = np.eye(3) - way[:, :, None] * way[:, None, :]
+        direction, origin_mm = self.direction[is_lit], self.origin_mm[is_lit]
+        across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
         return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin_mm))
 
 
@@ -105,7 +106,7 @@ class PixelRays:
 class SeenScene:
     """Targets and occluders before the cameras of a build.
 
-    `around`: gives them by frame and camera without channel, all or the target of a name alone.
+    `around`: function that returns them for a frame and a camera without channel: all, or the named target alone.
     """
 
     around: Callable[[int, str, str | None], "Surroundings"]
@@ -114,9 +115,9 @@ class SeenScene:
     def distance_mm(
         self, frame: int, camera: str, origin_mm: np.ndarray, direction: np.ndarray, only: str | None = None
     ) -> np.ndarray:
-        """Way along rays (n, 3) of the vision frame, of unit directions, to the first surface, (n,); NaN: none.
+        """Distance along rays (n, 3) of the vision frame, with unit directions, to the first surface, (n,); NaN: none.
 
-        `only`: name of a target that alone counts.
+        `only`: name of the only target that counts.
         """
         view = frame, body_and_channel(camera)[0], only
         if self._last is None or self._last[0] != view:  # a band of rows follows another of the same view

@@ -1,8 +1,8 @@
-"""A camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
+"""Drawing of a camera in its vertical plane, as SVG: lens, stop, sensor, and rays clipped as the tracer clips them.
 
-Rays start at object points in focus (of the middle microlens type) whose images lie at the centre of the sensor, at its
-upper or lower edge, whichever is farther from the axis, and at 0.7 of the way; where the edge is dark, near the rim of
-the image circle instead. Where their bundles are is found by real rays from the sensor back to the scene. Lengths in mm
+Rays start at object points in focus (for the middle microlens type) whose images lie at the centre of the sensor, at
+its upper or lower edge, whichever is farther from the axis, and at 0.7 of that distance; where the edge is dark, near
+the rim of the image circle instead. Real rays from the sensor back to the scene locate their bundles. Lengths in mm
 from the stop, + towards the sensor, as light travels; the drawing is to scale.
 """
 
@@ -25,15 +25,15 @@ from pipeline.optics.sections import elements, profiles
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
-"""Places on the sensor of the bundles, 0 its centre and 1 its farther edge, and their colours."""
+"""Sensor heights of the bundles, 0 at the centre and 1 at the farther edge, and their colours."""
 _RIM = 0.99
-"""Share of the image circle at which a bundle of its rim is drawn: at the rim itself it has no width."""
+"""Share of the image circle at which its outermost bundle is drawn: at the rim itself the bundle has no width."""
 _WIDEST_RAD = math.radians(60)
-"""Half the field of a lens alone whose image circle is looked for, as a lens without distortion would have it."""
+"""Half field within which the image circle of a bare lens is sought, as if the lens had no distortion."""
 _RAYS = 7
 """Rays of a bundle in the drawing of the whole camera: odd, so that one is in the middle; more would fill the lens."""
 _FAN = 2001
-"""Rays that are tried across the lens to find those that pass: finer than pixels of the drawing, odd for the middle."""
+"""Rays tried across the lens to find those that pass: finer than the pixels of the drawing, odd for the middle."""
 AHEAD = 0.35
 """Length drawn before the lens over the length from the first vertex to the sensor."""
 _WIDTH_PX, _MARGIN_PX = 1200, 40
@@ -47,7 +47,7 @@ Points = list[svg_file.Point]
 
 
 def svg(camera: Camera, title: str, film: str = "sensor") -> str:
-    """The drawing as the text of an SVG file; `film` is what its last plane is called."""
+    """The drawing as the text of an SVG file; `film` is the label of its last plane."""
     first = camera.prescription.vertices_from_stop_mm[0]
     left = first - AHEAD * (camera.sensor_distance_mm - first)
     half = _half_height(camera)
@@ -78,7 +78,7 @@ def svg(camera: Camera, title: str, film: str = "sensor") -> str:
 
 
 def with_full_field(camera: Camera) -> Camera:
-    """The camera with a sensor as high as its image circle; as it is where light arrives even beyond 60 degrees."""
+    """The camera with a sensor as high as its image circle; unchanged if light arrives even beyond 60 degrees."""
     focal = first_order(camera.prescription).efl_mm
     farthest = math.tan(_WIDEST_RAD) * focal
     ends = (np.array([0.0, -height, -camera.sensor_distance_mm]) for height in (0.0, farthest))
@@ -90,10 +90,12 @@ def with_full_field(camera: Camera) -> Camera:
 
 
 def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) -> str:
-    """The microlenses at the centre of the sensor with more rays of the point there, enlarged: a picture of its own."""
+    """Inset of the microlenses at the centre of the sensor, with more rays of the object point there, enlarged."""
     scale = _INSET_PX / (_INSET_LENSES * array.pitch_mm)
-    width, end = (_WIDTH_PX - 2 * _MARGIN_PX) / scale, camera.sensor_distance_mm
-    film, start = end - array.distance_mm, end + 0.05 * width - width
+    width = (_WIDTH_PX - 2 * _MARGIN_PX) / scale
+    end = camera.sensor_distance_mm
+    film = end - array.distance_mm
+    start = end + 0.05 * width - width
     centre = _height(camera, 0.0)
     low, high = centre - width, centre + width
     sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2 + centre * scale)
@@ -101,7 +103,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
         sheet.line(_turned(camera, ray[-3:], -1), FIELDS[0][1], 0.7)
-    half, vertices = float(cell(array)[:, 1].max()), lattice(array)
+    half = float(cell(array)[:, 1].max())
+    vertices = lattice(array)
     if array.disc_diameter_mm is None and array.layout == "hexagonal":
         half = array.pitch_mm * math.sqrt(3) / 4
     elif array.disc_diameter_mm is not None:
@@ -109,7 +112,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     x, y_all = _about_axis(camera, vertices)
     rows = y_all[np.abs(x) <= array.pitch_mm]
     for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
-        row, bulge = _row_at(camera, vertices, y), 0.12 * array.pitch_mm
+        row = _row_at(camera, vertices, y)
+        bulge = 0.12 * array.pitch_mm
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
         sheet.label(film - 2 * bulge, y, f"type {int(vertices.type[row])}", "end")
     sheet.line([(end, low), (end, high)], _DARK, 3)
@@ -120,8 +124,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
 def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> list[Points]:
     """Rays of one object point that pass the lens, from x = `left_mm` to the sensor; (along the axis, height) [mm].
 
-    `field`: 0 for an image at the centre of the sensor, 1 at its farther edge, or as far as light arrives.
-    `count`: rays, evenly over those that pass.
+    `field`: 0 for an image at the centre of the sensor, 1 at its farther edge, or at the rim of the image circle.
+    `count`: number of rays, evenly spread over those that pass.
     """
     height = _lit_height(camera, field)
     central = _central_ray(camera, height)
@@ -139,7 +143,8 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
         passing = np.flatnonzero(passes)
         if not passing.size:
             return []
-        step, ends = offsets[1] - offsets[0], offsets[passing[[0, -1]]]
+        step = offsets[1] - offsets[0]
+        ends = offsets[passing[[0, -1]]]
         offsets = np.linspace(ends[0] - step, ends[1] + step, _FAN)
     chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
     rays = []
@@ -153,7 +158,7 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
 def _central_ray(camera: Camera, height_mm: float) -> tuple[np.ndarray, np.ndarray] | None:
     """The middle one of the rays that leave the lens from a height on the sensor; None if none does.
 
-    Where it meets the front surface, and the direction of its light in the scene, (2,) along and across the axis.
+    Returns its intersection with the front surface, and its direction in the scene, (2,) along and across the axis.
     """
     table = towards_scene(camera.prescription)
     # Vision y and z are the drawing's height and length with the other sign.
@@ -173,8 +178,9 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[np.ndarray, np.ndarr
 
 
 def _in_focus(camera: Camera) -> tuple[float, float]:
-    """Distance of the plane in focus, and its slope: how much nearer to the sensor it is per height."""
-    distance, tilted = middle_focus(camera), camera.film.vision_from_film
+    """Distance of the plane in focus, and its slope: how much nearer to the sensor it lies per height."""
+    distance = middle_focus(camera)
+    tilted = camera.film.vision_from_film
     if tilted is None or math.isinf(distance):
         return distance, 0.0
     turned = focus_plane_tilt_deg(tilted, first_order(camera.prescription), distance)
@@ -184,10 +190,11 @@ def _in_focus(camera: Camera) -> tuple[float, float]:
 def _fan(
     entry: np.ndarray, along: np.ndarray, offsets: np.ndarray, in_focus: tuple[float, float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 2) beside the central ray where it meets the lens, and directions there of rays of its object point.
+    """Points (n, 2) on the lens beside the central ray, and directions of the rays that reach them from its object
+    point.
 
-    The object point lies in the plane in focus, or on rays that are steep to it at most twice as far away as that;
-    parallel rays where it is infinitely far.
+    The object point lies in the plane in focus. On steep rays it is at most twice as far away as that plane; for an
+    infinite distance the rays are parallel.
     """
     distance, leaning = in_focus
     points = entry + offsets[:, None] * np.array([-along[1], along[0]])
@@ -199,7 +206,7 @@ def _fan(
 
 
 def _entry(first: tuple[float, float], direction: list[float], left_mm: float, limit_mm: float) -> tuple[float, float]:
-    """Point at which a ray that meets the lens comes into the drawing: at its left side, or from above or below."""
+    """Point at which a ray to the lens enters the drawing: through its left side, or from above or below."""
     (x, y), (along, across) = first, direction
     ahead = (x - left_mm) / along if along > 0 else math.inf
     if across:
@@ -213,7 +220,8 @@ def _trace(
     """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
     position = np.stack([np.zeros(len(start)), start[:, 1], start[:, 0]], axis=1)
     direction = np.stack([np.zeros(len(start)), directions[:, 1], directions[:, 0]], axis=1)
-    alive, table = np.ones(len(start)), towards_sensor(prescription)
+    alive = np.ones(len(start))
+    table = towards_sensor(prescription)
     along, across = [position[:, 2].copy()], [position[:, 1].copy()]
     for row in range(len(table)):
         trace_rays(table[row : row + 1], position, direction, alive)
@@ -223,7 +231,7 @@ def _trace(
 
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
-    """On to the sensor, through the microlens in whose cell the ray meets the array, drawn as a thin one."""
+    """The ray behind the lens: to the sensor, through the microlens of the cell that it meets, drawn as a thin one."""
     (x, y), further = _turned(camera, [last, (last[0] + 1.0, last[1] + slope)], -1)
     slope = (further[1] - y) / (further[0] - x)
     array = camera.microlenses
@@ -240,33 +248,39 @@ def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
 
 
 def _turned(camera: Camera, points: Points, back: int = 1) -> Points:
-    """Points beside an upright sensor turned to where they are beside the tilted one, or `back`: -1.
+    """Points given for an upright sensor, turned with the tilted sensor, or `back`: -1.
 
     A tilt about y moves none of them: y of the film stays in the vertical plane.
     """
-    angle, end = back * math.radians(camera.sensor.tilt_deg[0]), camera.sensor_distance_mm
+    angle = back * math.radians(camera.sensor.tilt_deg[0])
+    end = camera.sensor_distance_mm
     sine, cosine = math.sin(angle), math.cos(angle)
     return [(end + cosine * (x - end) + sine * y, cosine * y - sine * (x - end)) for x, y in points]
 
 
 def _films(camera: Camera) -> list[Points]:
-    """The lower and the upper end of the sensor, and of the microlens array if there is one."""
-    half, end, centre, array = _half_sensor(camera), camera.sensor_distance_mm, _height(camera, 0.0), camera.microlenses
+    """Lower and upper end of the sensor, and of the microlens array if there is one."""
+    half = _half_sensor(camera)
+    end = camera.sensor_distance_mm
+    centre = _height(camera, 0.0)
+    array = camera.microlenses
     ends = [(end, centre - half), (end, centre + half)]
     if array is None:
         return [_turned(camera, ends)]
-    film, reach, middle = end - array.distance_mm, extent_mm(array)[1] / 2, centre + array.offset_y_mm
+    film = end - array.distance_mm
+    reach = extent_mm(array)[1] / 2
+    middle = centre + array.offset_y_mm
     return [_turned(camera, ends), _turned(camera, [(film, middle - reach), (film, middle + reach)])]
 
 
 def _row_at(camera: Camera, vertices: Lattice, y: float) -> int:
-    """Row of the microlens in whose cell the height y of the drawing lies; its up is +y of the sensor frame."""
+    """Row of the microlens whose cell contains the height y of the drawing; up is +y of the sensor frame."""
     x, heights = _about_axis(camera, vertices)
     return int(np.argmin(np.hypot(x, heights - y).round(9)))
 
 
 def _about_axis(camera: Camera, vertices: Lattice) -> tuple[np.ndarray, np.ndarray]:
-    """Microlens vertices from the optical axis, which need not meet the centre of the sensor."""
+    """Microlens vertices relative to the optical axis, which need not meet the centre of the sensor."""
     return vertices.x_mm - camera.sensor.offset_x_mm, vertices.y_mm - camera.sensor.offset_y_mm
 
 
@@ -275,7 +289,7 @@ def _half_sensor(camera: Camera) -> float:
 
 
 def _height(camera: Camera, field: float) -> float:
-    """Height on the drawing of a place on the sensor: 0 its centre, 1 its edge that is farther from the axis."""
+    """Height in the drawing of a relative sensor height: 0 at its centre, 1 at the edge farther from the axis."""
     centre = 0.0 - camera.sensor.offset_y_mm
     return centre + field * math.copysign(_half_sensor(camera), centre)
 
@@ -290,7 +304,7 @@ def _rear(camera: Camera) -> tuple[np.ndarray, int]:
 
 
 def _lit_height(camera: Camera, field: float) -> float:
-    """As `_height`, with the rim of the image circle for 1 where the edge of the sensor is dark."""
+    """`_height`, with the rim of the image circle in place of the edge of the sensor where that is dark."""
     centre, edge = _height(camera, 0.0), _height(camera, 1.0)
     ends = np.array([[0.0, -height, -camera.sensor_distance_mm] for height in (0.0, edge)])
     share = lit_share(*_rear(camera), *camera.in_vision(ends))
@@ -330,7 +344,7 @@ def focus_in_words(camera: Camera, form: str = ".1f") -> str:
 
 
 class _Sheet:
-    """Elements of a drawing in the making, in mm: x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
+    """Elements of an unfinished drawing, in mm: x from `left` at `scale` pixels per mm, y upwards from `axis_px`."""
 
     def __init__(self, left: float, scale: float, axis_px: float) -> None:
         self.left, self.scale, self.axis_px = left, scale, axis_px

@@ -1,4 +1,4 @@
-"""Records on screens: figures of matplotlib, which enters here alone, and tables as HTML for notebooks."""
+"""Records on screens: Matplotlib figures, the only door to that library, and HTML tables for notebooks."""
 
 import io
 from collections.abc import Iterable, Sequence
@@ -11,9 +11,9 @@ _INSTALL = 'python -m pip install "plenoptic-pipeline[plot]"'
 
 
 def axes(width_in: float, height_in: float) -> Any:
-    """Empty axes in a figure of their own of that size [inch], which notebooks show below the cell.
+    """Empty axes in a new figure of this size [inch], which notebooks show below the cell.
 
-    Raises UsageError: matplotlib is not installed.
+    Raises UsageError: Matplotlib is not installed.
     """
     require_plots()
     from matplotlib import pyplot
@@ -22,7 +22,7 @@ def axes(width_in: float, height_in: float) -> Any:
 
 
 def figure(width_in: float, height_in: float) -> Any:
-    """An empty figure of that size [inch] for `svg_of`, which no notebook shows; UsageError as of `axes`."""
+    """An empty figure of this size [inch] for `svg_of`, which no notebook shows; raises as `axes`."""
     require_plots()
     from matplotlib.figure import Figure
 
@@ -30,7 +30,7 @@ def figure(width_in: float, height_in: float) -> Any:
 
 
 def svg_of(figure: Any) -> str:
-    """A figure as the text of an SVG file: its words stay words, and no date is in it."""
+    """A figure as the text of an SVG file without a date; its words remain text."""
     import matplotlib
 
     stream = io.StringIO()
@@ -40,7 +40,7 @@ def svg_of(figure: Any) -> str:
 
 
 def require_plots() -> None:
-    """UsageError if matplotlib is not installed."""
+    """UsageError if Matplotlib is not installed."""
     try:
         import matplotlib  # noqa: F401
     except ImportError:
@@ -48,7 +48,7 @@ def require_plots() -> None:
 
 
 def html_table(columns: Sequence[str], rows: Iterable[Sequence[object]], caption: str = "") -> str:
-    """A table with a heading; numbers have six digits, and all texts are escaped."""
+    """A table with a heading; numbers have six digits, and all text is escaped."""
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
     body = "".join(f"<tr>{''.join(f'<td>{escape(_shown(cell))}</td>' for cell in row)}</tr>" for row in rows)
     title = f'<caption style="text-align:left">{escape(caption)}</caption>' if caption else ""

@@ -1,4 +1,4 @@
-"""Cameras made ready, and the scene before them: from a stage, the folder of a build, or records without USD."""
+"""Ready cameras and the scene before them: from a stage, the folder of a build, or records without USD."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from pipeline.spelling import did_you_mean
 from pipeline.truth.settings import TruthSettings
 
 STAGE = "dataset.usda"
-"""The stage as it was built, in the folder of a build: it explains itself, so no other file is needed."""
+"""Name of the built stage in the folder of a build; it is self-contained, so no other file is needed."""
 
 
 def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> ReadyCamera:
@@ -54,9 +54,9 @@ def ready(source: str | Path | Camera, name: str | None = None, allow_roots: Ite
 
 @dataclass(frozen=True, kw_only=True)
 class Opened:
-    """A camera of a stage, or of the one in the folder of a build, or one of its channels, not yet made ready.
+    """A camera, or a channel of one, from a stage or from the stage in a build folder, before it is made ready.
 
-    The seed is that of the dataset; 0 of a rig alone.
+    The seed is that of the dataset; 0 for a rig alone.
     """
 
     stage: Path
@@ -65,7 +65,7 @@ class Opened:
     allow_roots: tuple[str | Path, ...] = ()
 
     def ready(self) -> ReadyCamera:
-        """The camera made ready as a build does it."""
+        """The camera, made ready as a build does it."""
         entry = self.entry
         with blamed_on(entry.file, entry.line, entry.prim_path):
             rig = Rig.of(Tracer(entry.camera, self.seed), entry.square_px)
@@ -79,7 +79,7 @@ class Opened:
         )
 
     def _vary(self, path: str) -> list[VariedNumber[Camera]]:
-        """The camera with each number of a property a little less and more; StageError if it holds none."""
+        """The camera with each number of a property slightly decreased and increased; StageError if it holds none."""
         numbers = varied_cameras(self.stage, path, self.allow_roots)
 
         def of(cameras: Iterable[CameraEntry]) -> Camera:
@@ -89,8 +89,9 @@ class Opened:
 
 
 def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Opened:
-    """A camera of a stage or of the folder that a build filled; raises as `ready`."""
-    stage, allow_roots = finished_folder(path).path / STAGE if path.is_dir() else path, tuple(allow_roots)
+    """A camera of a stage or of a build folder; raises as `ready`."""
+    stage = finished_folder(path).path / STAGE if path.is_dir() else path
+    allow_roots = tuple(allow_roots)
     loaded = load(stage, allow_roots)
     if loaded.errors:
         raise StageError(loaded.problems)

@@ -126,7 +126,7 @@ def open_output(out: str | Path) -> Output:
 
 
 def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
-    """Names of the channels of a camera, each a camera of its own; of a camera of one wavelength its own name."""
+    """Names of a camera's channels, each a camera of its own; for a camera of one wavelength, its own name."""
     channels = folder.record(f"cameras/{name}/camera.json").get("channels", ())
     return [name_with(name, channel["name"]) for channel in channels] or [name]
 

@@ -1,7 +1,7 @@
-"""A camera made ready for questions in a notebook: where points are imaged, and which rays positions see.
+"""A camera ready for questions in a notebook: image positions of points, and rays of image positions.
 
-It answers by the solver of the ground truth, method `direct`: a row of correspondences.csv and a projection of the same
-point are the same number.
+Its solver is that of the ground truth, method `direct`: a row of correspondences.csv and a projection of the same point
+are the same number.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,24 +37,25 @@ _FACING = np.diag([1.0, -1.0, -1.0])
 _FRONT = (0.0, 0.0, 1.0)
 """Front of a flat target in its own frame."""
 _LEAST_PX = 1e-9
-"""Finest accuracy that can be asked for [px]: finer than this, traces in double precision round."""
+"""Finest accuracy that can be requested [px]: below it, double precision rounds."""
 POINT = "point"
-"""Name of the point itself among the numbers by which positions have derivatives."""
+"""Name of the point's own coordinates among the parameters of derivatives."""
 _SHARE_OF_WAY = 1e-5
-"""Step of points, as a share of their distance [1]."""
+"""Step of points for finite differences, as a share of their distance [1]."""
 _PLANES_FOCAL_LENGTHS = (10.0, 20.0)
-"""Distances of the two planes of rays in focal lengths [1], of a camera that is not focused: any do."""
+"""Distances of the two planes of rays in focal lengths [1], for a camera that is not focused: any two will do."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadyCamera:
-    """A camera that projects points and knows its rays.
+    """A camera that projects points and back-projects pixels.
 
-    `name`: name as in tables; empty for a camera from no stage.
+    `name`: name as in tables; empty for a camera that comes from no stage.
     `min_hit_fraction`: positions with less light count as dark.
-    `accuracy_px`: error that answers may have by default.
-    `shutter`: when its lines are exposed; None where a frame is an instant.
-    `vary`: the camera with each number of a property of its stage a little less and more; None without a stage.
+    `accuracy_px`: default accuracy of answers.
+    `shutter`: exposure times of its lines; None where a frame is an instant.
+    `vary`: function that returns the camera with each number of a stage property slightly decreased and increased; None
+    without a stage.
     """
 
     name: str
@@ -65,7 +66,8 @@ class ReadyCamera:
     vary: Callable[[str], list[VariedNumber[Camera]]] | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
-        sensor, lens = self.camera.sensor, first_order(self.camera.prescription)
+        sensor = self.camera.sensor
+        lens = first_order(self.camera.prescription)
         figures = f"{sensor.width_px} x {sensor.height_px} px, f = {lens.efl_mm:.5g} mm, F/{lens.f_number:.3g}"
         return f"{self.name or 'camera'}: {figures}"
 
@@ -141,7 +143,8 @@ class ReadyCamera:
             (truth.solutions.point[is_lit], Fate.SEEN),
         ):
             fates[points_there] = fate
-        rows, lattice = truth.only(is_lit), self.rig.tracer.lattice
+        rows = truth.only(is_lit)
+        lattice = self.rig.tracer.lattice
         solutions = rows.solutions
         rates, blur_rates = self._derivatives(solutions, planes, derivatives, with_blur=blur_derivatives)
         return Projected(
@@ -163,13 +166,17 @@ class ReadyCamera:
     def _derivatives(
         self, rows: Solutions, planes: np.ndarray, names: Sequence[str], *, with_blur: bool
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Derivatives of positions and, if asked for, of blur by numbers, (n, 2) and (n, 2, 2) or (..., k)."""
-        on, variations, ends = Planes(planes), list[Variation](), list[tuple[str, int]]()
+        """Derivatives of positions and, if requested, of blur by parameters, (n, 2) and (n, 2, 2) or (..., k)."""
+        on = Planes(planes)
+        variations = list[Variation]()
+        ends = list[tuple[str, int]]()
         for name in dict.fromkeys(names):
             if name == POINT:
                 variations += [_shifted(self.rig.tracer, planes, axis) for axis in range(3)]
             elif self.vary is None:
-                raise CameraError(f"a camera without a stage has no {name!r}", hint=f'derivatives=["{POINT}"] it has')
+                raise CameraError(
+                    f"a camera without a stage has no {name!r}", hint=f'derivatives=["{POINT}"] needs no stage'
+                )
             else:
                 for number in self.vary(name):
                     sides = (Neighbour(self.rig.tracer.next_to(end), on) for end in (number.less, number.more))
@@ -181,7 +188,8 @@ class ReadyCamera:
         rates = row_derivatives(self.rig, solved, variations, with_blur=with_blur)
 
         def by_name(rates: np.ndarray) -> dict[str, np.ndarray]:
-            result, first = {}, 0
+            result = {}
+            first = 0
             for name, end in ends:
                 several = np.moveaxis(rates[:, first:end], 1, -1)
                 result[name], first = several if end - first > 1 else several[..., 0], end
@@ -197,11 +205,11 @@ class ReadyCamera:
         return Planes(planes, motion, self.shutter, self.size_px)
 
     def rays(self, x_px: ArrayLike, y_px: ArrayLike, *, accuracy_px: float | None = None) -> PixelRays:
-        """Rays of image positions: the line of J(x) through all planes perpendicular to the axis, or, of a camera that
-        sees 80 degrees and more off its axis, to the chief ray of the position.
+        """Rays of image positions: the line of J(x) through all planes perpendicular to the axis; for a camera that
+        sees 80 degrees or more off its axis, perpendicular to the chief ray of the position.
 
-        `x_px`, `y_px`: (n,); (0, 0) is the centre of the top-left pixel; any positions, also between pixels.
-        CameraError if an argument holds no such numbers.
+        `x_px`, `y_px`: (n,); (0, 0) is the centre of the top-left pixel; positions between pixels are allowed.
+        Raises CameraError: an argument holds no such numbers.
         """
         x, y = _numbers("x_px", x_px), _numbers("y_px", y_px)
         if len(x) != len(y) and 1 not in (len(x), len(y)):
@@ -231,7 +239,7 @@ class ReadyCamera:
         )
 
     def spots(self) -> "SpotDiagram":
-        """Trace spots from the centre to the corner of the image, in focus and at the ends of the depth of field.
+        """Spot diagrams from the centre to the corner of the image, in focus and at the ends of the depth of field.
 
         A notebook shows them as a picture.
         """
@@ -243,7 +251,9 @@ class ReadyCamera:
         """Key figures and the drawing with real rays, for a notebook."""
         from pipeline.results.drawing import focus_in_words, svg  # what only projects points needs no pictures
 
-        lens, sensor, array = first_order(self.camera.prescription), self.camera.sensor, self.camera.microlenses
+        lens = first_order(self.camera.prescription)
+        sensor = self.camera.sensor
+        array = self.camera.microlenses
         rows = [
             ("focal length", f"{lens.efl_mm:.4g} mm"),
             ("entrance pupil", f"{lens.entrance_pupil.diameter_mm:.4g} mm wide"),
@@ -263,7 +273,7 @@ class ReadyCamera:
 
     @property
     def planes_mm(self) -> tuple[float, float]:
-        """Vision z of the two planes on which rays are found: those of J_near and J_far, if they are settled."""
+        """Vision z of the two planes on which rays are found: those of J_near and J_far, if the camera has them."""
         near_mm, far_mm = self.camera.near_mm, self.camera.far_mm
         if near_mm is not None and far_mm is not None and np.isfinite([near_mm, far_mm]).all():
             return near_mm, far_mm
@@ -276,7 +286,7 @@ class ReadyCamera:
 
 
 def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
-    """Points a little nearer and farther along an axis, with their tangent planes."""
+    """Points displaced a little backwards and forwards along an axis, with their tangent planes."""
     step = _SHARE_OF_WAY * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
     shift = np.zeros((4, 3))
     shift[0, axis] = step
@@ -284,11 +294,11 @@ def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
 
 
 def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:
-    """Finite float64 (n,), or (n, columns); one number or one point becomes an array of one."""
+    """Finite float64 (n,), or (n, columns); one number or one point becomes an array of length one."""
     try:
         values = np.atleast_1d(np.asarray(given, dtype=np.float64))
     except (TypeError, ValueError):
-        raise CameraError(f"{name} holds something that is no number") from None
+        raise CameraError(f"{name} holds values that are not numbers") from None
     if columns is not None:
         values = np.atleast_2d(values)
     if values.ndim != (1 if columns is None else 2) or (columns is not None and values.shape[1] != columns):

@@ -1,5 +1,5 @@
-"""Records of a finished output folder: cameras, targets, and views with their poses and correspondences; of the files
-that its manifest lists, and of nothing else.
+"""Records of a finished output folder: cameras, targets, and views with poses and correspondences, from the files that
+its manifest lists and from nothing else.
 """
 
 import json
@@ -34,7 +34,7 @@ _BUILD = "`pipeline build STAGE` fills a folder, and writes its manifest.json la
 
 @dataclass(frozen=True, slots=True)
 class BuiltFolder:
-    """A folder that a build finished."""
+    """The output folder of a finished build."""
 
     path: Path
     stage: str  # the stage that was built, as the manifest names it
@@ -42,15 +42,15 @@ class BuiltFolder:
 
     @property
     def files(self) -> Set[str]:
-        """Posix paths below the folder."""
+        """POSIX paths below the folder."""
         return self.digests.keys()
 
     def file(self, name: str) -> Path | None:
-        """Path of a file; None if this build has none of that name."""
+        """Path of a file; None if the build has none of this name."""
         return self.path / name if name in self.files else None
 
     def table(self, name: str) -> Table:
-        """A table of the build; UsageError if it is gone, DamagedFile if it cannot be read."""
+        """A table of the build; UsageError if it has vanished, DamagedFile if it cannot be read."""
         return read_table(self.present(name))
 
     def record(self, name: str) -> Json:
@@ -59,7 +59,7 @@ class BuiltFolder:
         return content
 
     def present(self, name: str) -> Path:
-        """Path of a file that the build made; UsageError if it is gone."""
+        """Path of a file that the build made; UsageError if it has vanished."""
         path = self.path / name
         if not path.is_file():
             raise UsageError(
@@ -69,7 +69,7 @@ class BuiltFolder:
 
 
 def finished_folder(out: str | Path) -> BuiltFolder:
-    """The output folder of a build; UsageError if it is none, or not finished, or of another version."""
+    """The output folder of a build; UsageError if it is none, is unfinished, or has another version."""
     path = Path(out)
     if path.suffix in (".usda", ".usdc", ".usd") and not path.is_dir():
         raise UsageError(f"{out} is a stage, and no output folder", hint=_BUILD)
@@ -97,7 +97,7 @@ def _reason(data: bytes | None) -> str:
 
 
 def _hint(path: Path) -> str:
-    """Advice for a folder without a manifest of ours: builds may lie below it, or it is being filled."""
+    """Hint for a folder without a manifest of ours: it may contain builds, or be in use by one."""
     below = sorted(folder.parent for folder in path.glob(f"*/{manifest.NAME}"))
     if below:
         return f"did you mean {below[0]}?" if len(below) == 1 else f"{below[0]} and {len(below) - 1} more lie below it"
@@ -112,12 +112,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltPinhole:
-    """The equivalent pinhole of a camera, as camera.json has it; `Pinhole` of camera/figures is what fits it.
+    """The equivalent pinhole of a camera, as in camera.json; `Pinhole` of camera/figures fits it.
 
     `centre_mm`: centre of projection in the vision frame, (3,) float64.
     `principal_point_px`: (2,) float64; (0, 0) is the centre of the top-left pixel.
-    `distortion`: k1, k2, p1, p2, k3 of OpenCV, (5,) float64; of a tilted sensor all 14 with tauX and tauY. Zeros in the
-    pinhole without distortion.
+    `distortion`: k1, k2, p1, p2, k3 of OpenCV, (5,) float64; for a tilted sensor all 14 with tauX and tauY. Zeros in
+    the pinhole without distortion.
     `rms_px`, `max_px`: residual of the mean rays of the camera.
     """
 
@@ -149,9 +149,9 @@ class BuiltPinhole:
 class BuiltPoses:
     """Poses of a view: transforms on column vectors, (4, 4) float64 [mm]; see CONVENTIONS.md, Frames.
 
-    Those of the camera lead to the vision frame, whose origin is the centre of the aperture stop: right for rays. Those
-    of the pinhole lead to its centre: right for OpenCV, and empty where no pinhole fits. Targets are there by name.
-    Those at lines, (2, 4, 4), are of the first and of the last line of a camera with a shutter.
+    Camera poses lead to the vision frame, whose origin is the centre of the aperture stop: use them with rays. Pinhole
+    poses lead to the pinhole's centre: use them with OpenCV; they are empty where no pinhole fits. Targets are keyed by
+    name. Poses at lines, (2, 4, 4), are those at the first and at the last line of a camera with a shutter.
     """
 
     camera_from_world: np.ndarray
@@ -224,10 +224,10 @@ class BuiltView:
 
 @dataclass(frozen=True, kw_only=True)
 class BuiltCamera:
-    """A camera of a build, or one of the channels of its sensor, as the files of the build state it.
+    """A camera of a build, or one of the channels of its sensor, as the files of the build describe it.
 
     `name`: `Rig.Camera`, or `Rig.Camera@red` of a channel.
-    `record`: all of camera.json; docs/outputs.md says what its keys mean.
+    `record`: all of camera.json; docs/outputs.md describes its keys.
     `views`: sorted by frame.
     """
 
@@ -253,7 +253,7 @@ class BuiltCamera:
 
     @property
     def shutter(self) -> Shutter | None:
-        """When its lines are exposed; None where a frame is an instant."""
+        """Exposure times of its lines; None where a frame is an instant."""
         if (says := self.record.get("shutter")) is None:
             return None
         times = {"opens_s": says["opens_s"], "line_s": says["line_offset_s"], "exposure_s": says["exposure_s"]}
@@ -261,7 +261,7 @@ class BuiltCamera:
 
     @property
     def pitch_mm(self) -> float:
-        """Distance of pixels."""
+        """Pixel pitch."""
         return float(self.record["pixel_pitch_mm"])
 
     @cached_property
@@ -287,12 +287,12 @@ class BuiltCamera:
 
     @cached_property
     def micro_images(self) -> np.recarray | None:
-        """Rows of micro_images.csv, one per microlens; None of a conventional camera."""
+        """Rows of micro_images.csv, one per microlens; None for a conventional camera."""
         return self._table("micro_images.csv")
 
     @cached_property
     def micro_image_outlines(self) -> np.recarray | None:
-        """Rows of micro_image_outlines.csv; None of a conventional camera."""
+        """Rows of micro_image_outlines.csv; None for a conventional camera."""
         return self._table("micro_image_outlines.csv")
 
     def pandas(self) -> "pandas.DataFrame":
@@ -309,9 +309,9 @@ class BuiltCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BuiltTarget:
-    """A target of a build: name of the prim, its pattern and the parameters of that, see docs/targets.md.
+    """A target of a build: name of the prim, pattern and pattern parameters, see docs/targets.md.
 
-    Points and normals are (n, 3) float64 in the target frame: x right, y up, z towards the viewer. The row is the
+    Points and normals are (n, 3) float64 in the target frame: x right, y up, z towards the viewer. The row index is the
     point_id. Actual points differ from nominal ones on warped and measured boards.
     """
 
@@ -338,7 +338,7 @@ def target(name: str, record: Json) -> BuiltTarget:
 
 
 def _pinhole(plain: Json | None, model: Json | None) -> BuiltPinhole | None:
-    """The pinhole of camera.json, whose centre is stated once, by one of its models."""
+    """A pinhole of camera.json, where the models share one centre."""
     if plain is None or model is None:
         return None
     return BuiltPinhole(

@@ -1,4 +1,4 @@
-"""Tables as NumPy record arrays, as pandas where that is installed, and as plots over the image."""
+"""Tables as NumPy record arrays, as pandas data frames where pandas is installed, and as plots over the image."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 _INSTALL = 'python -m pip install "plenoptic-pipeline[frames]"'
 MICROLENS = frozenset({"microlens_k", "microlens_l", "microlens_type"})
-"""Columns that a conventional camera has no values for."""
+"""Columns without values for a conventional camera."""
 _TEXTS = frozenset({"camera", "channel", "second_camera", "target", "method"})
 _COUNTS = MICROLENS | {"frame", "point_id", "complete"}
 
 
 def rows_of(table: Table, without: frozenset[str] = frozenset()) -> np.recarray:
-    """A table as a record array: text, int64, and float64 that is NaN where a cell is empty; without some columns."""
+    """A table as a record array of text, int64, and float64, NaN where a cell is empty; `without` some columns."""
     columns = {name: _column(table, name) for name in table.columns if name not in without}
     return np.rec.fromarrays(list(columns.values()), dtype=[(name, column.dtype) for name, column in columns.items()])
 
@@ -40,9 +40,9 @@ def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
 
 
 def write_parquet(path: Path, rows: np.ndarray, remarks: Sequence[str]) -> None:
-    """Write rows as Parquet; its metadata hold the remarks, `attrs` of the data frame.
+    """Write rows as Parquet; remarks become metadata, `attrs` of the data frame.
 
-    UsageError if pandas or pyarrow is not installed.
+    Raises UsageError: pandas or pyarrow is not installed.
     """
     frame = as_pandas(rows)
     frame.attrs["remarks"] = list(remarks)
@@ -62,25 +62,25 @@ def _column(table: Table, name: str) -> np.ndarray:
 
 
 _SHOWN = 8
-"""Rows in a notebook: enough to see what a table holds."""
+"""Rows shown in a notebook: enough to see what a table holds."""
 _WIDTH_IN = 8.0
-"""Width of a plot [inch]: that of a notebook's page."""
+"""Width of a plot [inch]: that of a notebook page."""
 _SHAPE = 0.75
-"""Height over width of a plot of rows whose image is not known [1]."""
+"""Height over width of a plot of rows from an image of unknown size [1]."""
 _COLOURS = ("#f07818", "#2f7fe0", "#27a05a", "#c8489a", "#8f63e8", "#b8901a")
-"""Colours of the kinds of rows, told apart on grey images; more kinds begin again."""
+"""Colours of the kinds of rows, distinct on grey images; further kinds begin again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Backdrop:
-    """Images behind the rows: width and height of those of each camera, and previews by camera and frame."""
+    """Images behind the rows: their size for each camera, and previews by camera and frame."""
 
     sizes_px: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     pictures: Mapping[tuple[str, int], Path] = field(default_factory=dict)
 
 
 class CorrespondenceRows(np.recarray):
-    """Rows of the ground truth; columns are attributes, and docs/outputs.md says what they mean."""
+    """Rows of the ground truth; columns are attributes, described in docs/outputs.md."""
 
     backdrop: Backdrop
 
@@ -107,7 +107,8 @@ class CorrespondenceRows(np.recarray):
         UsageError if there are no such rows, or rows of several cameras, or if matplotlib is not installed.
         """
         rows = self._of_camera(camera)._of_frame(frame)
-        name, frames = str(rows.seen_by[0]), np.unique(rows.frame).tolist()
+        name = str(rows.seen_by[0])
+        frames = np.unique(rows.frame).tolist()
         size_px = rows.backdrop.sizes_px.get(name)
         shape = size_px[1] / size_px[0] if size_px else _SHAPE
         sheet = new_axes(_WIDTH_IN, _WIDTH_IN * shape) if axes is None else axes
@@ -117,7 +118,9 @@ class CorrespondenceRows(np.recarray):
 
             sheet.imshow(read_png(picture), cmap="gray", vmin=0, vmax=255)
         for number, (kind, selected) in enumerate(rows._kinds()):
-            x, y, colour = rows.x_px[selected], rows.y_px[selected], _COLOURS[number % len(_COLOURS)]
+            x = rows.x_px[selected]
+            y = rows.y_px[selected]
+            colour = _COLOURS[number % len(_COLOURS)]
             sheet.plot(x, y, "+", color=colour, markersize=5, label=f"{kind}: {len(x)}")
         if size_px:
             sheet.set(xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5))
@@ -154,7 +157,7 @@ class CorrespondenceRows(np.recarray):
         return rows
 
     def _kinds(self) -> Iterable[tuple[str, np.ndarray]]:
-        """Targets, and behind microlenses their types, with the rows of each."""
+        """Row selections by target and, behind microlenses, by type."""
         for target in np.unique(self.target).tolist():
             selected = self.target == target
             if "microlens_type" not in (self.dtype.names or ()):
@@ -165,20 +168,21 @@ class CorrespondenceRows(np.recarray):
 
 
 def with_backdrop(rows: np.recarray, backdrop: Backdrop) -> CorrespondenceRows:
-    """The same rows, which know what they are drawn over."""
+    """Rows with the images that they are plotted over."""
     over_backdrop = rows.view(CorrespondenceRows)
     over_backdrop.backdrop = backdrop
     return over_backdrop
 
 
 def joined(parts: Sequence[CorrespondenceRows]) -> CorrespondenceRows:
-    """Rows of several tables with the backdrops of all; UsageError if only some are plenoptic: their columns differ."""
+    """Rows of several tables with all backdrops; UsageError if only some are plenoptic: their columns differ."""
     if len({part.dtype.names for part in parts}) > 1:
         raise UsageError(
             "tables of plenoptic and conventional cameras have different columns",
             hint="take those of one camera: output.cameras[NAME].correspondences",
         )
-    sizes, pictures = dict[str, tuple[int, int]](), dict[tuple[str, int], Path]()
+    sizes = dict[str, tuple[int, int]]()
+    pictures = dict[tuple[str, int], Path]()
     for part in parts:
         sizes.update(part.backdrop.sizes_px)
         pictures.update(part.backdrop.pictures)

@@ -1,7 +1,7 @@
-"""Spots of a camera: bundles of some field positions, seen in the image, as numbers and as a picture.
+"""Spot diagrams of a camera: bundles at several field positions, mapped to the image, as numbers and as a picture.
 
-A spot is the crossings of a bundle with an object plane, as displacements in the image to first order: with J(x) the
-mean of the crossings of position x, light that crosses at p reaches x - (dJ/dx)^-1 (p - J(x)).
+A spot is the set of intersections of a bundle with an object plane, as displacements in the image to first order: with
+J(x) the mean of the intersections of position x, light that meets the plane at p reaches x - (dJ/dx)^-1 (p - J(x)).
 """
 
 import math
@@ -21,18 +21,20 @@ from pipeline.results.notebook import figure, svg_of
 Numbers = tuple[float | None, ...]
 
 _FINE = 3
-"""Decimals of what is only drawn: a thousandth of a pixel."""
+"""Decimals of numbers that are only drawn: a thousandth of a pixel."""
 _FIELDS = ((0.0, "centre"), (0.5, "0.5 of the way to the corner"), (0.75, "0.75 of the way"), (1.0, "corner"))
 RAYS = 256
 """Rays of a spot: enough to show its shape, few enough for a page."""
 _STEP_PX = 0.05
-"""Half the distance of positions between which J is differentiated: bundles hardly change over a tenth of a pixel."""
+"""Half the distance of the positions between which J is differentiated: bundles hardly change over a tenth of a
+pixel.
+"""
 FARTHEST_MM = 1e6
 """Distance that stands for infinity: a kilometre."""
 _CELL_IN, _HEAD_IN = 1.9, 0.5
 """Edge of a spot's square in the picture, and the height of the words above it [inch]."""
 _LEAST_PX = 0.6
-"""Least half width of a square [px]: the outline of the pixel is seen in it."""
+"""Least half width of a square [px]: the outline of the pixel fits into it."""
 _INK, _PIXEL = "#2f7fe0", "#e8702a"
 _PIXEL_PX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))
 """Outline of the pixel [px]."""
@@ -40,7 +42,7 @@ _PIXEL_PX = ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spot:
-    """Crossings of a bundle with an object plane, as displacements of the image of its mean [px]."""
+    """Intersections of a bundle with an object plane, as displacements of the image of their mean [px]."""
 
     place: str
     x_px: float
@@ -53,7 +55,7 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class FieldBundle:
-    """A bundle with the place of its position, and those of two neighbours along x and two along y."""
+    """A bundle with the name of its field position, and the bundles of two neighbours along x and two along y."""
 
     place: str
     x_px: float
@@ -74,9 +76,10 @@ class FieldBundle:
 def field_bundles(camera: Camera) -> list[FieldBundle]:
     """Bundles from the centre of the image to the corner that is farthest from the axis.
 
-    Those that leave farther from the axis than `WIDE_RAD` are left out: planes across it say nothing of them.
+    Bundles that leave farther from the axis than `WIDE_RAD` are omitted: planes across the axis do not describe them.
     """
-    tracer, sensor = Tracer(camera), camera.sensor
+    tracer = Tracer(camera)
+    sensor = camera.sensor
     middle = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
     corner = np.where(tracer.pixels_at(sensor.farthest_corner_mm[None])[0] < middle, 0.0, 2 * middle)
     bundles = []
@@ -113,7 +116,7 @@ def _middle_type(camera: Camera) -> int:
 
 
 def spots(camera: Camera, bundles: list[FieldBundle]) -> tuple[Spot, ...]:
-    """Spots of every place at the distance in focus and at both ends of the depth of field."""
+    """Spots of every field position at the distance in focus and at both ends of the depth of field."""
     middle = min(middle_focus(camera), FARTHEST_MM)
     depth = foci(camera)[_middle_type(camera)].depth_of_field_mm
     distances = [depth[0], middle, *([depth[1]] if depth[1] < FARTHEST_MM else [])]
@@ -179,6 +182,6 @@ class SpotDiagram:
 
 
 def spot_diagram(camera: Camera, name: str) -> SpotDiagram:
-    """Trace the spots of a focused camera, of an unfocused plenoptic one those of its middle view."""
+    """Trace the spots of a focused camera; of an unfocused plenoptic camera, those of its middle view."""
     camera = view_of(camera)
     return SpotDiagram(name=name, spots=spots(camera, field_bundles(camera)))

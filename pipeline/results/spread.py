@@ -1,4 +1,4 @@
-"""What cameras of an ensemble differ by: moments of their figures and of rows of their ground truth, over builds."""
+"""Spread of an ensemble: moments of camera figures and of ground-truth rows over its builds."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,18 +10,18 @@ from pipeline.records.shapes import Float64
 from pipeline.results.output import Output
 
 _KEY = ("frame", "target", "point_id", "microlens_k", "microlens_l")
-"""Columns that tell which point a row is of, and which microlens sees it."""
+"""Columns that identify a point and the microlens that sees it."""
 _COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
-"""Coefficients of OpenCV; those that a fit leaves out are 0, as the tilt of a sensor that stands upright."""
+"""Distortion coefficients of OpenCV; those that a fit leaves out are 0, as is the tilt of an upright sensor."""
 _SAME = 1e-9
-"""Standard deviation, over the size of the mean or 1, below which figures are the same: they come from fits."""
+"""Standard deviation, relative to max(1, |mean|), below which figures count as equal: they come from fits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Figures:
     """Figures of a camera over n members, named with their units.
 
-    A correlation is NaN where a figure is the same in all members.
+    A correlation is NaN where a figure is equal in all members.
     """
 
     names: tuple[str, ...]
@@ -47,12 +47,15 @@ class Figures:
 
 
 def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
-    """Focal length, sensor, pupils, equivalent pinhole and distortion: those that each member has, not 0 in all."""
+    """Focal length, sensor, pupils, equivalent pinhole and distortion, as far as every member has them and not all are
+    0.
+    """
     of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
     common = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
     names = tuple(name for name in common if any(of[name] for of in of_each))
     values = np.array([[of[name] for name in names] for of in of_each], np.float64)
-    mean, deviation = values[1:].mean(axis=0), values[1:].std(axis=0, ddof=1)
+    mean = values[1:].mean(axis=0)
+    deviation = values[1:].std(axis=0, ddof=1)
     differs = deviation > _SAME * np.maximum(1, abs(mean))
     scaled = np.where(differs, (values[1:] - mean) / np.where(differs, deviation, 1.0), np.nan)
     return Figures(names, values[0], mean, deviation, scaled.T @ scaled / (len(members) - 1))
@@ -77,10 +80,10 @@ def _figures_of(record: Json) -> dict[str, float | None]:
 
 
 def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, np.ndarray]:
-    """Columns of a table with a row for each that the nominal camera or a member has, sorted by its point.
+    """Columns of a table with a row for each point that the nominal camera or a member sees, sorted by point.
 
-    `members` counts those that have it. Moments are NaN unless all do: of those alone that see a point at the edge they
-    would not be those of the camera.
+    `members` counts the members that see it. Moments are NaN unless all do: over only those members that see a point at
+    the edge they would be biased.
     """
     tables = [output.cameras[camera].correspondences for output in (nominal, *members)]
     key = [name for name in _KEY if name in (tables[0].dtype.names or ())]
@@ -99,7 +102,9 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
         total = np.bincount(row[is_member], values, minlength=len(points))
         return np.where(count == len(members), total / len(members), np.nan)
 
-    x_mean, y_mean, freedom = mean(x), mean(y), len(members) / (len(members) - 1)
+    x_mean = mean(x)
+    y_mean = mean(y)
+    freedom = len(members) / (len(members) - 1)
     xx, xy, yy = (
         freedom * (mean(a * b) - a_mean * b_mean)
         for a, b, a_mean, b_mean in ((x, x, x_mean, x_mean), (x, y, x_mean, y_mean), (y, y, y_mean, y_mean))

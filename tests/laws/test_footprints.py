@@ -56,7 +56,7 @@ def extremes(rig: Rig, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
     lenses = band.strata
     least, most = np.full(2 * len(lenses), np.inf), np.full(2 * len(lenses), -np.inf)
     for rays in rays_of(band, Batch(SAMPLES), np.where(lenses == SKIP, 0, SAMPLES)):
-        part = rays.pixels[rays.row] + len(lenses) * (rays.way > 0)
+        part = rays.pixels[rays.row] + len(lenses) * (rays.route > 0)
         value = light.radiance(rays.leaving.origin, rays.leaving.direction)
         np.minimum.at(least, part, value)
         np.maximum.at(most, part, value)

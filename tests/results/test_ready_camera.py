@@ -158,7 +158,7 @@ def test_stage_and_output_give_the_same_camera(plenoptic_build, ready_plenoptic)
     [
         (([[1, 2]],), r"points_mm has the shape \(1, 2\)"),
         (([[1, 2, np.nan]],), "points_mm holds numbers that are not finite"),
-        (("here",), "points_mm holds something that is no number"),
+        (("here",), "points_mm holds values that are not numbers"),
         (([[1, 2, 3]], [0, 0, 0]), "a normal has no direction"),
         (([[1, 2, 3]], [[0, 0, -1], [0, 0, -1]]), "1 points have 2 normals"),
     ],

@@ -28,7 +28,7 @@ export interface SurfaceShape {
   moved: number[][];
 }
 
-/** Crossings of a bundle with an object plane, as displacements of the image of its mean [px]. */
+/** Intersections of a bundle with an object plane, as displacements of the image of their mean [px]. */
 export interface Spot {
   place: string;
   x_px: number;
@@ -61,7 +61,7 @@ export interface View {
   camera_from_target: Record<string, number[][]>;
 }
 
-/** The rows of a table by column; `same` holds the columns in which all rows are equal. */
+/** The rows of a table by column; `same` holds the constant columns. */
 export interface TableData {
   rows: number;
   same: Record<string, any>;
@@ -91,7 +91,7 @@ export interface Histogram {
   mark_name: string;
 }
 
-/** Statistics of all rows of a camera; points are at most some thousands of them, evenly taken. */
+/** Statistics of all rows of a camera; points are an even selection of at most a few thousand. */
 export interface Residuals {
   histograms: Histogram[];
   x_px: (number | null)[];
@@ -130,7 +130,7 @@ export interface Optics {
   fans: RayFan[];
 }
 
-/** The words of `pipeline inform` about a camera, and its maps as SVG, empty where the views leave all open. */
+/** The output of `pipeline inform` about a camera: words, and maps as SVG, empty where all is undetermined. */
 export interface InformationPart {
   lines: string[];
   drawing: string;
@@ -153,7 +153,7 @@ export interface CameraPart {
   residuals: Residuals;
 }
 
-/** A target: faces as quadrilaterals in the target frame, and the places of their corners on its picture. */
+/** A target: faces as quadrilaterals in the target frame, and their corners on its picture. */
 export interface TargetPart {
   name: string;
   kind: string;
@@ -182,7 +182,7 @@ export interface History {
   workers: number | null;
 }
 
-/** Everything that the page shows at once; the rest are scripts that it loads when they are looked at. */
+/** Everything that the page shows at once; the rest are scripts that it loads on demand. */
 export interface Page {
   title: string;
   stage: string;

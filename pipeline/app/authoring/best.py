@@ -1,7 +1,8 @@
-"""The poses of many that tell most about cameras: chosen by what a calibration by them would then predict.
+"""Selection of the most informative poses for a calibration of cameras.
 
-What a set of poses is worth is the mean variance of projections over image and depth of field, by OpenCV's five
-coefficients, or a fisheye where a lens sees beside itself. Poses are exchanged one by one as long as that gains.
+A set of poses is rated by the mean variance of projections over image and depth of field (I-optimality), by OpenCV's
+five coefficients, or by a fisheye model for very wide lenses. Poses are exchanged one by one while that gains, as by
+Cook and Nachtsheim, Technometrics 22 (1980) 315, but each gain is taken at once.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,16 +18,17 @@ from pipeline.fits.information import Information, View, derivatives
 from pipeline.results.opening import ready
 
 CANDIDATES = 12
-"""Poses of which one is chosen: of twice as many the best are better by a few percent."""
+"""Candidate poses per selected pose: with twice as many the best are better by a few percent."""
 _EVERY = 29
-"""Step through the grid of the field [1]: some thirty projections at each distance, all over the image, as it is a
-prime that divides no row of it."""
+"""Step through the grid of the field [1]: some thirty projections at each distance, all over the image, because no row
+is a multiple of this prime.
+"""
 _BENT_PX = 5.0
-"""What a coefficient that views do not tell may bend the image by [px]: programs start at 0, and stay near there."""
+"""Prior standard deviation of an undetermined coefficient, as bending of the image [px]: programs start at 0."""
 _PASSES = 4
-"""Most rounds of exchanges: each tries every candidate in every place."""
+"""Most rounds of exchanges: each tries every candidate in every slot."""
 _GAINS = 1e-3
-"""Share of the variance by which an exchange has to gain."""
+"""Least relative decrease of the variance that justifies an exchange."""
 
 
 class _Judge:
@@ -38,13 +40,14 @@ class _Judge:
         fit = fitted(rays, "fisheye" if field.is_wide else "brown")
         centre, own = np.split(fit.parameters, [len(CENTRE)])
         project = MODELS[fit.model.name].of_rows
-        moved, views = field.vision_from_first.copy(), []
+        moved = field.vision_from_first.copy()
+        views = []
         moved[:3, 3] -= centre
         for pose in poses:
-            seen = np.isfinite(pose.seen_px[number, :, 0])
-            points = field.points_mm[seen]
+            visible = np.isfinite(pose.seen_px[number, :, 0])
+            points = field.points_mm[visible]
             views.append(
-                View(moved @ pose.vision_from_target, points, np.zeros((len(points), 0)), pose.seen_px[number, seen])
+                View(moved @ pose.vision_from_target, points, np.zeros((len(points), 0)), pose.seen_px[number, visible])
             )
         self._all = Information.of(fit.model.parameters[len(CENTRE) :], project, own, views, NOISE_PX)
         near, far = field.depth_mm
@@ -56,17 +59,17 @@ class _Judge:
         self._prior = np.diag(bends * (np.abs(by_own).max(axis=(0, 1)) / _BENT_PX) ** 2)
 
     def variance_px2(self, chosen: Sequence[int]) -> float:
-        """Mean variance of projections by some of the candidates; infinite where they leave something open."""
-        known = self._all.only(chosen)
-        known = replace(known, matrix=known.matrix + self._prior)
-        covariance = known.of_projections(self._points, np.zeros((len(self._points), 0)))
+        """Mean variance of projections by these candidates; infinite if they leave something undetermined."""
+        information = self._all.only(chosen)
+        information = replace(information, matrix=information.matrix + self._prior)
+        covariance = information.of_projections(self._points, np.zeros((len(self._points), 0)))
         return float(np.trace(covariance, axis1=1, axis2=2).mean())
 
 
 def best_of(
     fields: Sequence[CameraField], poses: Sequence[BoardPose], count: int, tell: Callable[[str], None]
 ) -> list[BoardPose]:
-    """So many of the poses, in their order. UsageError if no such set determines the cameras."""
+    """The best `count` of the poses, in their order. UsageError if no such set determines the cameras."""
     judges = [_Judge(field, number, poses) for number, field in enumerate(fields)]
 
     def worth(chosen: Sequence[int]) -> float:
@@ -76,9 +79,9 @@ def best_of(
     least = first = worth(chosen)
     for _ in range(_PASSES):
         before = least
-        for place in range(count):
+        for slot in range(count):
             for other in set(range(len(poses))) - set(chosen):
-                tried = [*chosen[:place], other, *chosen[place + 1 :]]
+                tried = [*chosen[:slot], other, *chosen[slot + 1 :]]
                 if (value := worth(tried)) < least * (1 - _GAINS):
                     chosen, least = tried, value
         if not least < before * (1 - _GAINS):

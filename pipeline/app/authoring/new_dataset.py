@@ -1,4 +1,4 @@
-"""A new dataset: a rig, a target, and poses that fill what the camera sees."""
+"""A new dataset: a rig, a target, and poses that fill the cameras' field of view and depth of field."""
 
 import dataclasses
 import math
@@ -36,19 +36,19 @@ from pipeline.targets.patterns.pattern import TargetError
 from pipeline.targets.target import Target
 
 _FAR_MM = 1e5
-"""Distance at which a target waits for its poses [mm]: a hundred metres, behind no lens and inside none."""
+"""Distance at which a target is parked until it has poses [mm]: a hundred metres, behind no lens and inside none."""
 _WITH = {"camera": "rigs", "target": "targets"}
-"""Kinds of parts of the library that hold one."""
+"""Kinds of library parts that contain one."""
 _CODES_PER_S = 24
-"""Time codes of a second in all stages that are written [1/s]."""
+"""Time codes per second in all stages that are written [1/s]."""
 _FINE = 1e4
-"""Parts of a time code to which samples that hold a pose are rounded outwards [1]: no motion begins in them."""
+"""Fractions of a time code to which samples around a held pose are rounded outwards [1]: no exposure sees motion."""
 _CELLS = 8, 6
 """Cells of the image in which the points of all frames are counted, along x and y."""
 _Frame = tuple[np.ndarray, str]
-"""World_from_target of one frame, and a comment on it."""
+"""World_from_target of one frame, and a comment."""
 _Pose = tuple[int, tuple[float, float], np.ndarray, str]
-"""Time code of a frame, time codes about it for which it is held, and the frame."""
+"""Time code of a frame, time codes relative to it between which the pose is held, world_from_target, and a comment."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,8 +119,8 @@ def new_dataset(
     """Write a dataset whose poses fill the fields of view and the depths of field of cameras, and read it again.
 
     Rig and target are files, or names of the library such as `rigs/conventional_100mm.usda`. All cameras of the rig see
-    each pose unless one is named. `tell` hears of each pose as soon as it is found, or chosen, and what all of them
-    fill. StageError if the rig or the target does not pass `check`; UsageError if a part is missing, the file cannot be
+    each pose unless one is named. `tell` reports each pose as soon as it is found, or chosen, and the coverage of all.
+    StageError if the rig or the target does not pass `check`; UsageError if a part is missing, the file cannot be
     written, or the target is too large for the cameras.
     """
     require_free(out)
@@ -169,7 +169,8 @@ def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
     there = dataset.frames[0].camera_from_world
     cameras = [entry for entry in dataset.cameras if entry.name in there]
     vision_from_world = [np.array(there[entry.name]) for entry in cameras]
-    first_from_world, target = vision_from_world[0], dataset.targets[0].target
+    first_from_world = vision_from_world[0]
+    target = dataset.targets[0].target
     return [
         CameraField(camera=entry.camera, target=target, wish=wish, vision_from_first=vision @ inverse(first_from_world))
         for entry, vision in zip(cameras, vision_from_world, strict=True)
@@ -177,15 +178,16 @@ def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
 
 
 def _held(dataset: Dataset) -> tuple[float, float]:
-    """Time codes from the frame's own to the first and to the last at which a shutter is open."""
+    """Time codes, relative to the frame's own, of the first and last instant at which a shutter is open."""
     open_s = [entry.shutter.motion_s(entry.camera.sensor.size_px) for entry in dataset.cameras if entry.shutter]
     first, last = (_CODES_PER_S * _FINE * end(np.ravel(open_s), initial=0.0) for end in (np.min, np.max))
     return math.floor(first) / _FINE, math.ceil(last) / _FINE
 
 
 def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[list[CameraField], list[BoardPose]]:
-    """Poses that fill fields, and these with the largest target that has poses, if it may be scaled."""
-    first, poses = fields[0], list[BoardPose]()
+    """Poses that fill the fields, with the target, scaled to the largest size that has poses if allowed."""
+    first = fields[0]
+    poses = list[BoardPose]()
     if first.wish.of > 1:
         tell(f"{first.wish.count} poses are chosen of {first.wish.of * first.wish.count}, which are looked for now")
     if fit := first.wish.fit:
@@ -213,7 +215,7 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
 
 
 def _read(out: Path, plan: _DatasetText) -> Dataset:
-    """The records of a stage that is not written yet, as if it lay where it will; its target is far away."""
+    """The records of a stage that is not written yet, as if it lay at its destination; its target is far away."""
     away = np.eye(4)
     away[2, 3] = -_FAR_MM
     path = out.with_name(f".{os.getpid()}.usda")
@@ -245,7 +247,7 @@ def _lengths(target: Any) -> dict[str, str]:
 
 
 def _scaled(target: Any, scale: float) -> Any:
-    """The target with scaled lengths of its pattern, as a stage states them; its surface stays as it is."""
+    """The target with scaled lengths of its pattern, as a stage states them; its surface is unchanged."""
     lengths = {name: float(f"{scale * getattr(target.pattern, name):.6g}") for name in _lengths(target)}
     return dataclasses.replace(target, pattern=dataclasses.replace(target.pattern, **lengths))
 
@@ -257,23 +259,23 @@ def _comment(pose: BoardPose) -> str:
 
 
 def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:
-    """Lines that tell what the poses fill, and what a calibration by them will know."""
+    """Lines about the coverage of the poses, and the uncertainty of a calibration by them."""
     depths, tilts = [pose.away_mm for pose in poses], [pose.tilt_deg for pose in poses]
     lines = [
         f"middles of the target {min(depths):.1f} to {max(depths):.1f} mm before the stop,"
         f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"
     ]
     seen_px = np.stack([pose.seen_px for pose in poses], axis=1)
-    for name, field, points_px, known in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
+    for name, field, points_px, uncertainty in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
         points_px = points_px[np.isfinite(points_px[:, :, 0])]
         cells = np.floor((points_px + 0.5) / (2 * field.middle_px + 1) * _CELLS).astype(int)
         filled = len(np.unique(np.clip(cells, 0, np.array(_CELLS) - 1), axis=0))
         counts = f"{len(points_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
         lines.append(f"{name}: {counts}" if len(names) > 1 else f"{len(poses)} poses, {counts}")
-        if known is None and not field.camera.microlenses:
+        if uncertainty is None and not field.camera.microlenses:
             lines.append("no calibration of f, centre and k1: too few points, or no pinhole fits the lens")
-        if known:
-            f_px, (x_px, y_px) = known.principal_distance_px, known.principal_point_px
+        if uncertainty:
+            f_px, (x_px, y_px) = uncertainty.principal_distance_px, uncertainty.principal_point_px
             lines.append(
                 f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"
                 f" {100 * f_px / field.principal_distance_px:.2g} % ({f_px:.1f} px) and the centre to {x_px:.1f} x"
@@ -283,7 +285,7 @@ def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardP
 
 
 def _limit(fields: Sequence[CameraField]) -> list[str]:
-    """The limit of a calibration, and what would help."""
+    """Limit of a calibration, and its remedy."""
     field = min(fields, key=lambda field: field.steepest_deg)
     if field.steepest_deg >= field.wish.most_tilt_deg:
         limit = "the field of view limits that: more poses help by the root of their number"

@@ -1,4 +1,4 @@
-"""A new rig: a lens, a sensor and where it stands, and microlenses if wanted."""
+"""A new rig: a lens, a sensor and its position, and an optional microlens array."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,9 +14,9 @@ from pipeline.scene.usd.problems import StageError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigWish:
-    """Demands on a rig. `lens`, `sensor` and `microlenses` are stages, files or names of the library; a number in place
-    of a lens is the focal length of an ideal thin one [mm], for a lens whose prescription nobody knows. A thin array in
-    place of a file is written into the rig. `origin` says who writes it.
+    """Demands on a rig. `lens`, `sensor` and `microlenses` are stages, files or names of the library. A number in place
+    of a lens is the focal length of an ideal thin lens [mm], for a lens without a published prescription. A thin array
+    in place of a file is written into the rig. `origin` is the author's remark.
     """
 
     sensor: Path
@@ -35,14 +35,14 @@ class RigWish:
 _AS_OPTIONS = {
     "author plen:camera:near and plen:camera:far": "give --near and --far",
 }
-"""Hints about a stage, and what they are for a stage that is not written yet."""
+"""Hints about a stage, and their counterparts for a stage that is not written yet."""
 
 
 def new_rig(out: Path, wish: RigWish) -> Loaded:
     """Write a rig and read it again.
 
     StageError if the lens or the rig does not pass `check`; then there is no file. UsageError if a part is missing or
-    is none, demands contradict each other, or the file cannot be written.
+    has the wrong type, demands contradict each other, or the file cannot be written.
     """
     require_free(out)
     if (wish.focus_mm is None) == (wish.sensor_distance_mm is None):
@@ -75,7 +75,8 @@ def _lens(out: Path, wish: RigWish) -> str:
         if wish.f_number is None:
             raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
         return _THIN_LENS.format(focal_mm=wish.lens, semi_mm=wish.lens / wish.f_number / 2)
-    lens, stop = lens_of(wish.lens), ""
+    lens = lens_of(wish.lens)
+    stop = ""
     if wish.f_number is not None:
         prescription = lens.prescription
         semi_mm = prescription.stop.semi_diameter_mm * first_order(prescription).f_number / wish.f_number

@@ -1,11 +1,11 @@
 """Poses of a target that fill the field of view and the depth of field of cameras, by their real lenses.
 
-Before a lens that sees beside itself, targets stand around it and face it; depths count along rays.
+For very wide lenses, targets stand around the lens and face it; depths then count along rays.
 
-Where the middle of the target goes, how deep, how far and about which axis it is tilted come from one sequence of
-Halton, so that few poses already spread over all of them. Of several cameras each has its turn: a pose is drawn in the
-image of one of them, and all have to see it. A pose that shows too little of the target is moved towards the middle of
-what all of them see, then tilted less, then moved away, until it shows enough.
+A Halton sequence draws the position of the target's middle in the image, its depth, and the angle and axis of its tilt,
+so that even a few poses spread over all of them. With several cameras, they take turns: a pose is drawn in the image of
+one, and all have to see it. A pose that shows too little of the target is moved towards the middle of the common field,
+then tilted less, then moved away, until it shows enough.
 """
 
 import dataclasses
@@ -41,33 +41,35 @@ from pipeline.truth.direct.direct_rows import guesses, planes_of_rays, solve
 from pipeline.truth.planes import axes_across, faces_camera, tangent_planes
 
 _DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
-"""Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach from the
-lens to infinity. Calibrations gain by a large image of the target, of microlenses by all depths."""
+"""Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach to
+infinity. Calibrations profit from a large image of the target, with microlenses from all depths.
+"""
 _FILLED = 0.9
 """Radius of a target over half the diagonal of the image, at its nearest [1]."""
 _TRIES = tuple(
     (pull, lean, away) for away in (0.0, 0.5, 1.0) for lean in (1.0, 0.5, 0.0) for pull in np.linspace(1.0, 0.0, 9)
 )
-"""Ways from the middle of the image to the place that was drawn, shares of the tilt that was drawn, and ways from the
-depth that was drawn to the farthest [1], in the order in which they are tried."""
+"""Attempts in order: fraction of the distance from the image centre to the drawn position, fraction of the drawn tilt,
+and fraction of the distance from the drawn depth to the farthest [1].
+"""
 _STEEP = 0.45
-"""Reach of a tilted target along the axis over the depth of field [1], on either side: a tenth is for its place."""
+"""Axial extent of a tilted target over the depth of field [1], on either side: a tenth is left for its position."""
 _BLUR_PX = 3.0
-"""Largest blur before a conventional camera, unless asked otherwise [px]: detectors find corners well in that."""
+"""Default largest blur for a conventional camera [px]: detectors find corners well below it."""
 SHARES, PLENOPTIC_SHARES = (0.7, 0.6, 0.5, 0.4, 0.3), (0.5, 0.4, 0.3)
-"""Radii that a fitted target may have, over half the diagonal of the image in the middle of the depths [1]: the first
-that fits. A larger one shows more perspective even where its tilts are flatter; microlenses learn more by more depths.
+"""Candidate radii of a fitted target over half the diagonal of the image in the middle of the depths [1], largest
+first. A larger target shows more perspective even where its tilts are flatter; microlenses profit more from depth.
 """
 _LEAST_APART_PX = 2.0
-"""Distance of neighbouring points at their farthest, in views of an unfocused camera, which have few pixels [px]."""
+"""Least distance of neighbouring points at their farthest [px], in views of an unfocused camera, which are coarse."""
 _ROUGH_PX = 0.05
-"""Accuracy of image positions that only decide what is seen [px]."""
+"""Accuracy of image positions that only decide about visibility [px]."""
 _LEAST_LIGHT = 0.2
-"""Least share of the light on the axis with which a point counts as seen [1]: detectors fail in deep vignetting."""
+"""Least share of the on-axis light with which a point counts as visible [1]: detectors fail in deep vignetting."""
 _APART = 1.5
-"""Distance of the second plane of rays over that of the first, which is the nearest depth [1]: rays are straight."""
+"""Distance of the second plane of rays over that of the first, which is at the nearest depth [1]: rays are straight."""
 NOISE_PX = 0.05
-"""Error of a detected corner along x and along y, one sigma [px]: good detectors on sharp images of real boards."""
+"""Standard deviation of a detected corner along x and y [px]: good detectors on sharp images of real boards."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,9 +77,9 @@ class Wish:
     """Demands on poses; another `seed` gives other poses of the same kind.
 
     `most_tilt_deg` is between the target and the image plane, `least_seen` a share of its points. `blur_px` is a
-    diameter by the paraxial depth of field, by default 3, and behind microlenses the camera's circle of confusion: in a
-    micro-image or a view of a dozen pixels 3 leave nothing of a pattern. `fit` says whether the target was scaled.
-    Each pose is chosen `of` so many that are found.
+    diameter by the paraxial depth of field: 3 by default, and behind microlenses the camera's circle of confusion,
+    because in a micro-image or a view of a dozen pixels 3 would erase the pattern. `fit` says whether the target was
+    scaled. Each pose is chosen from `of` candidates.
     """
 
     count: int
@@ -92,8 +94,8 @@ class Wish:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardPose:
     """A pose of a target in the vision frame of the first camera, with the depth of its middle there, its angle to the
-    image plane of the camera in whose image it was drawn, or to the plane across its ray if that is wide, and image
-    positions of its points in all cameras, (cameras, n, 2); NaN: not seen.
+    image plane of the camera in whose image it was drawn, or of a wide camera to the plane across its ray, and image
+    positions of its points in all cameras, (cameras, n, 2); NaN: not visible.
     """
 
     vision_from_target: np.ndarray
@@ -103,13 +105,13 @@ class BoardPose:
 
     @property
     def seen(self) -> int:
-        """Number of points that are seen by the camera that sees fewest."""
+        """Number of points visible to the camera that sees fewest."""
         return int(np.isfinite(self.seen_px[:, :, 0]).sum(axis=1).min())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainty:
-    """Standard deviations of what a calibration finds, with `NOISE_PX` in each coordinate."""
+    """Standard deviations of the results of a calibration, with `NOISE_PX` in each coordinate."""
 
     principal_distance_px: float
     principal_point_px: tuple[float, float]
@@ -117,7 +119,7 @@ class Uncertainty:
 
 @dataclass(frozen=True, kw_only=True)
 class CameraField:
-    """A camera's main lens before a target: image positions of poses, and places that have an image position.
+    """A camera's main lens before a target: image positions of poses, and object points of image positions.
 
     Microlenses are left out: they move a point by less than a micro-image. `vision_from_first` leads from the vision
     frame of the first camera to that of this one.
@@ -154,7 +156,7 @@ class CameraField:
 
     @cached_property
     def is_wide(self) -> bool:
-        """Whether targets stand on a sphere about the lens, which sees beside it, and not on planes."""
+        """Whether targets stand on a sphere about the lens and not on planes, because its field is very wide."""
         return pupil_fan(self.camera.prescription).is_wide
 
     @cached_property
@@ -169,14 +171,15 @@ class CameraField:
 
     @cached_property
     def depth_mm(self) -> tuple[float, float]:
-        """Nearest and farthest distance at which the target is sharp, fits into the image and has points apart."""
-        seen_mm, half_px = self.radius_mm * self.wish.least_seen, np.hypot(*(self.middle_px + 0.5))
+        """Nearest and farthest distance at which the target is sharp, fits into the image and has resolved points."""
+        seen_mm = self.radius_mm * self.wish.least_seen
+        half_px = np.hypot(*(self.middle_px + 0.5))
         near, far = self.sharp_mm(self.pupil_mm + seen_mm * self.principal_distance_px / (_FILLED * float(half_px)))
         view_px = self.principal_distance_px * self.camera.sensor.pitch_mm / view_of(self.camera).sensor.pitch_mm
         return near, min(far, self.pupil_mm + self.nearest_mm * view_px / _LEAST_APART_PX)
 
     def sharp_mm(self, least_mm: float = 0.0) -> tuple[float, float]:
-        """Depth of field from a distance on, behind microlenses that of all types together."""
+        """Depth of field from a distance on; behind microlenses, the union over all types."""
         sharp = foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
         first_mm = -self.camera.prescription.vertices_from_stop_mm[0]
         near = max(min(focus.depth_of_field_mm[0] for focus in sharp), first_mm + 1.0, least_mm)
@@ -185,12 +188,12 @@ class CameraField:
 
     @property
     def steepest_deg(self) -> float:
-        """Largest tilt with which the target stays sharp."""
+        """Largest tilt at which the target stays sharp."""
         near, far = self.depth_mm
         return math.degrees(math.asin(min(1.0, _STEEP * max(0.0, far - near) / self.radius_mm)))
 
     def scale_to_fill(self, share: float) -> float:
-        """Factor of the target for that radius over half the diagonal of the image, in the middle of the depths."""
+        """Factor that scales the target to this radius over half the image diagonal, in the middle of the depths."""
         focus_mm = middle_focus(self.camera)
         middle_mm = float(np.mean(self.sharp_mm(focus_mm / 2 if math.isfinite(focus_mm) else 0.0)))
         half_mm = float(np.hypot(*covered_mm(self.camera, middle_mm))) / 2
@@ -200,8 +203,9 @@ class CameraField:
 
     @cached_property
     def rays_mm(self) -> np.ndarray:
-        """Crossings at two depths of the rays of `positions_px`, (rows, columns, 2, 3); NaN where hardly light is."""
-        x_px, near = positions_px(self.camera.sensor.size_px), self.depth_mm[0]
+        """Intersections of the rays of `positions_px` with two depths, (rows, columns, 2, 3); NaN in the dark."""
+        x_px = positions_px(self.camera.sensor.size_px)
+        near = self.depth_mm[0]
         planes = planes_of_rays(self.rig, x_px, (near, _APART * near))
         moments = integrals(self.rig.tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), 1).moments
         ends = planes[:, :, 0] + np.einsum("nek,nekj->nej", moments[:, :4].reshape(-1, 2, 2), planes[:, :, 1:3])
@@ -209,26 +213,26 @@ class CameraField:
         return ends.reshape(ROWS, COLUMNS, 2, 3)
 
     def place_mm(self, x_px: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
-        """The point at a depth that an image position sees, (3,), between rays, and by columns the axes of the plane
-        there, (3, 3): parallel to the image, but of a wide camera across the ray; NaN where nothing passes.
+        """Object point of an image position at a depth, (3,), interpolated between rays, and by columns the axes of the
+        plane there, (3, 3): parallel to the image, but for a wide camera across the ray; NaN where nothing passes.
         """
         cell = (x_px + 0.5) / (2 * self.middle_px + 1) * (COLUMNS - 1, ROWS - 1)
         at = [*cell[::-1, None, None], *np.indices((2, 3))]
         start, end = map_coordinates(self.rays_mm, np.broadcast_arrays(*at), order=1)
-        place = start + (z_mm / self.depth_mm[0] - 1) / (_APART - 1) * (end - start)
-        return place, axes_across((end - start)[None])[0].T if self.is_wide else np.eye(3)
+        point = start + (z_mm / self.depth_mm[0] - 1) / (_APART - 1) * (end - start)
+        return point, axes_across((end - start)[None])[0].T if self.is_wide else np.eye(3)
 
     def away_mm(self, place_mm: np.ndarray) -> float:
-        """Depth of a point: its vision z, but in a wide camera as far from the entrance pupil in its direction."""
+        """Depth of a point: its vision z, or for a wide camera its distance from the entrance pupil."""
         if not self.is_wide:
             return float(place_mm[2])
         return self.pupil_mm + float(np.linalg.norm(place_mm - (0.0, 0.0, self.pupil_mm)))
 
     @cached_property
     def around_mm(self) -> float:
-        """Width of the surroundings that a detector needs of a point: half of the distance of its neighbours, so that
-        discs and halves of squares are in the image as a whole, but no more than a quarter of a target of few points.
-        A whole square would keep points away from the edge of the image, where distortion is largest.
+        """Width of the surroundings that a detector needs of a point: half the distance to its neighbours, so that
+        discs and halves of squares lie in the image entirely, but no more than a quarter of a target of few points. A
+        whole square would keep points away from the edge of the image, where distortion is largest.
         """
         return min(self.nearest_mm, self.radius_mm) / 2
 
@@ -239,7 +243,7 @@ class CameraField:
 
     @cached_property
     def _chart(self) -> LinearNDInterpolator:
-        """Image positions by directions from the entrance pupil."""
+        """Interpolant of image positions by directions from the entrance pupil."""
         places = self.rays_mm[:, :, 1].reshape(-1, 3)
         lit = np.isfinite(places).all(axis=1)
         return LinearNDInterpolator(self._angles(places[lit]), positions_px(self.camera.sensor.size_px)[lit])
@@ -251,35 +255,35 @@ class CameraField:
         return np.column_stack([x, y]) * (np.arctan2(across, z) / np.maximum(across, 1e-9))[:, None]
 
     def roughly_px(self, vision_from_target: np.ndarray) -> np.ndarray:
-        """The same as `seen_px` at a glance: to a pixel or so, between known rays."""
+        """Approximate `seen_px`, right to a pixel or so: interpolated between traced rays."""
         planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
         return np.where(faces_camera(planes)[:, None], self._chart(self._angles(planes[:, 0])), np.nan)
 
     def seen_px(self, vision_from_target: np.ndarray) -> np.ndarray:
-        """Image positions of all points, (n, 2); NaN where one is not seen."""
+        """Image positions of all points, (n, 2); NaN where a point is not visible."""
         planes = tangent_planes(vision_from_target, self.points_mm, self.target.points().plane_axes)
         images = solve(self.rig, guesses(self.rig, planes)[0], planes, _ROUGH_PX, _LEAST_LIGHT).solutions
-        seen = np.full((len(planes), 2), np.nan)
-        seen[images.point] = np.stack([images.x_px, images.y_px], axis=1)
-        return seen
+        positions = np.full((len(planes), 2), np.nan)
+        positions[images.point] = np.stack([images.x_px, images.y_px], axis=1)
+        return positions
 
     def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
-        """Whether what is around points of a target at a depth is in the image as well, (n,) bool."""
+        """Whether the surroundings of target points at a depth are in the image as well, (n,) bool."""
         room_px = self.around_mm * self.principal_distance_px / (z_mm - self.pupil_mm)
         inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - room_px, axis=1)
         return inside
 
 
 def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (True, False)) -> Iterator[BoardPose]:
-    """Poses all over the images and the depths of field of cameras, each with the points that are seen.
+    """Poses all over the images and the depths of field of cameras, each with the visible points.
 
-    Where possible, what is around the points is in the image as well, or always if `room` is (True,). UsageError, if
-    the target is too large to be seen, wherever it stands.
+    Where possible, the surroundings of points are in the image as well, or always if `room` is (True,). UsageError if
+    the target is too large to be seen from any distance.
     """
     wish = fields[0].wish
     for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.of * wish.count)):
         ways = itertools.product(room, _TRIES)
-        tries = (_tried(fields, index % len(fields), numbers, (*way, roomy)) for roomy, way in ways)
+        tries = (_tried(fields, index % len(fields), numbers, (*attempt, roomy)) for roomy, attempt in ways)
         pose = next(filter(None, tries), None)
         if pose is None:
             (near, far), radius_mm = fields[0].depth_mm, fields[0].radius_mm
@@ -294,31 +298,31 @@ def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (Tru
 
 
 def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[Uncertainty | None]:
-    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and of too few points."""
-    known = list[Uncertainty | None]()
+    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and for too few points."""
+    uncertainties = list[Uncertainty | None]()
     for number, field in enumerate(fields):
         pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
-        seen = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
+        visible = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
         placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
         fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
         k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
-        views = zip(placed, seen, strict=True)
-        known.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
-    return known
+        views = zip(placed, visible, strict=True)
+        uncertainties.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
+    return uncertainties
 
 
 def _uncertainty(
     principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
 ) -> Uncertainty | None:
-    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where the points are too few.
+    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where there are too few points.
 
-    A view is pinhole_from_target, and the points that are seen, target frame [mm].
+    A view is pinhole_from_target, and the visible points, target frame [mm].
     """
     values = np.array([principal_distance_px, 0.0, 0.0, k1])
     posed = [View(pose, points, np.zeros((len(points), 0)), np.zeros((len(points), 2))) for pose, points in views]
-    known = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
-    f_px, x_px, y_px, _ = known.deviations.tolist()
-    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if known.rank == 4 else None
+    information = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
+    f_px, x_px, y_px, _ = information.deviations.tolist()
+    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if information.rank == 4 else None
 
 
 def _simple(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
@@ -327,9 +331,11 @@ def _simple(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
     return np.asarray(p[0] * (1 + p[3] * (u * u).sum(axis=1))[:, None] * u + p[1:3])
 
 
-def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: tuple[float, ...]) -> BoardPose | None:
-    """The pose of six numbers in [0, 1) in the image of a camera, by a way; None where a camera sees too little."""
-    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[index], numbers, way
+def _tried(
+    fields: Sequence[CameraField], index: int, numbers: np.ndarray, attempt: tuple[float, ...]
+) -> BoardPose | None:
+    """The pose for six numbers in [0, 1) in the image of a camera, by one attempt; None where it shows too little."""
+    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[index], numbers, attempt
     (near, far), middle = field.depth_mm, field.middle_px
     # Steep tilts tell the principal distance from the distance of the target.
     tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
@@ -350,16 +356,20 @@ def _tried(fields: Sequence[CameraField], index: int, numbers: np.ndarray, way: 
     turn = Rotation.from_rotvec(tilt * axis) * Rotation.from_euler("z", 30 * (2 * turned - 1), degrees=True)
     pose[:3, :3] = axes @ turn.as_matrix() @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
-    pose, seen = inverse(field.vision_from_first) @ pose, list[np.ndarray]()
+    pose = inverse(field.vision_from_first) @ pose
+    positions = list[np.ndarray]()
     for look, other in itertools.product((CameraField.roughly_px, CameraField.seen_px), fields):
         vision_from_target = other.vision_from_first @ pose
         away_mm = other.away_mm(vision_from_target[:3, 3])
-        seen.append(look(other, vision_from_target))
-        shown = other.has_room(seen[-1], away_mm) if roomy else np.isfinite(seen[-1][:, 0])
+        positions.append(look(other, vision_from_target))
+        shown = other.has_room(positions[-1], away_mm) if roomy else np.isfinite(positions[-1][:, 0])
         is_sharp = other is field or other.depth_mm[0] <= away_mm <= other.depth_mm[1]
         if not is_sharp or shown.sum() < max(1, other.wish.least_seen * len(shown)):
             return None
     away_mm = fields[0].away_mm(pose[:3, 3])
     return BoardPose(
-        vision_from_target=pose, away_mm=away_mm, tilt_deg=math.degrees(tilt), seen_px=np.array(seen[len(fields) :])
+        vision_from_target=pose,
+        away_mm=away_mm,
+        tilt_deg=math.degrees(tilt),
+        seen_px=np.array(positions[len(fields) :]),
     )

@@ -1,8 +1,8 @@
 """Targets for a printer: their drawings in true size as SVG or PDF, with a bar to check the size by.
 
-A page holds one chart, with its white margin, and below it a bar of 100 mm and words that say what it is. Bent
-surfaces print flat: a cylinder is the sheet to be rolled. Cubes and stairs have a page per face. Curves are cubic
-Bezier arcs of at most 22.5 degrees, which leave the circle by less than 1e-7 of its radius.
+A page holds one chart with its white margin, and below it a bar of 100 mm and a caption. Bent surfaces print flat: a
+cylinder is the sheet to be rolled. Cubes and stairs have a page per face. Curves are cubic Bezier arcs of at most 22.5
+degrees, which leave the circle by less than 1e-7 of its radius.
 """
 
 import math
@@ -20,9 +20,9 @@ BAR_MM = 100.0
 _MARGIN_MM = 10.0
 """Blank edge of a page [mm]: most printers leave some 5 mm blank themselves."""
 _BAR_SPACE_MM = 9.0
-"""Height of the bar with its words [mm]: ticks of 4, a gap of 1 below, and room above."""
+"""Height of the bar with its caption [mm]: ticks of 4, a gap of 1 below, and room above."""
 _TEXT_MM, _LINE_MM = 3.0, 4.2
-"""Size of letters and distance of lines [mm]: 8.5 points, readable at arm's length, and 1.4 times that."""
+"""Letter height and line spacing [mm]: 8.5 points, readable at arm's length, and 1.4 times that."""
 
 _PAPERS_MM = {"A4": (210, 297), "A3": (297, 420), "A2": (420, 594), "A1": (594, 841), "A0": (841, 1189)}
 """Sheets of ISO 216, short side first [mm]."""
@@ -92,7 +92,9 @@ def _page(drawing: Drawing, line: str) -> PrintPage:
 
 def _bar(bottom: float) -> PrintPath:
     """A line of 100 mm between two ticks: its ends are the outer edges of the ticks."""
-    left, tick, thick = _MARGIN_MM, 4.0, 0.3
+    left = _MARGIN_MM
+    tick = 4.0
+    thick = 0.3
     boxes = (
         (left, bottom, left + thick, bottom + tick),
         (left + BAR_MM - thick, bottom, left + BAR_MM, bottom + tick),
@@ -131,7 +133,7 @@ def _on_circle(centre: Point, radius: float, angle: float) -> Point:
 
 
 def _arc(centre: Point, radius: float, first: float, last: float) -> list[Curve]:
-    """Bezier curves along a circle; control points as far along the tangents as 4/3 tan(angle / 4)."""
+    """Bezier curves along a circle; control points lie 4/3 tan(angle / 4) radii along the tangents."""
     count = max(1, math.ceil(abs(last - first) / (math.pi / 8)))
     step = (last - first) / count
     reach = 4 / 3 * math.tan(step / 4) * radius
@@ -154,7 +156,8 @@ def _moved(outline: tuple[Point, list[Curve]], by: Point) -> tuple[Point, list[C
 def svg(pages: list[PrintPage]) -> str:
     """The pages below one another as the text of an SVG file, one user unit per millimetre."""
     width, height = max(page.width_mm for page in pages), sum(page.height_mm for page in pages)
-    items, top = [], 0.0
+    items = []
+    top = 0.0
     for page in pages:
         top += page.height_mm
         items += [_svg_path(path, top) for path in page.paths]

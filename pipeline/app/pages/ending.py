@@ -1,4 +1,4 @@
-"""The end of a build in lines for a terminal: certificates, seen points, and where the time went."""
+"""The end of a build in lines for a terminal: certificates, visible points, and where the time went."""
 
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -8,11 +8,11 @@ from pipeline.files.jsonfile import Json
 from pipeline.spelling import frames_in_words
 
 _LEGEND = "  rows        mean px    rms px     max px     between the table and another rule of integration"
-"""What the figures are: lengths of the differences, and which rows they are of."""
+"""Heading of the differences: lengths, and the rows that they are taken over."""
 
 
 def certificate_lines(cameras: dict[str, Json]) -> list[str]:
-    """A verdict per camera, and its differences: of all rows solved again, and of parts by method and distance."""
+    """A verdict per camera, and its differences: over all rows solved again, and in parts by method and distance."""
     text = []
     for name, certificate in sorted(cameras.items()):
         claim = "no claim" if certificate["claim_px"] is None else f"claim {certificate['claim_px']:g} px"
@@ -22,13 +22,13 @@ def certificate_lines(cameras: dict[str, Json]) -> list[str]:
         kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in certificate["by_kind"] if part["rows"]]
         edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
         own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
-        whole = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
-        text += [_LEGEND, *(_row(*part) for part in ((certificate, whole), *kinds, *(edges if len(edges) > 1 else ())))]
+        label = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
+        text += [_LEGEND, *(_row(*part) for part in ((certificate, label), *kinds, *(edges if len(edges) > 1 else ())))]
     return text
 
 
 def lines_of_verdict(verdict: Json) -> list[str]:
-    """Certificates, what speaks against the build, and the verdict, from what `verify --json` prints."""
+    """Certificates, contradictions of the build, and the verdict, from the data of `verify --json`."""
     agreement = "agrees" if verdict["agrees"] else "DISAGREES"
     open_ = [name for name, judged in verdict["cameras"].items() if str(judged["reason"]).startswith("undecided")]
     agreement += f"; positions of {', '.join(open_)} are undecided" if open_ else ""
@@ -54,7 +54,7 @@ def _kept(part: Json) -> str:
 
 
 def failed(cameras: dict[str, Json] | None) -> bool:
-    """Whether a camera cannot show the accuracy that it claims."""
+    """Whether a camera cannot show its claimed accuracy."""
     return any(certificate["passed"] is False for certificate in (cameras or {}).values())
 
 
@@ -73,48 +73,48 @@ def _figures(part: Json) -> str:
 
 
 _ROWS = 20
-"""A table of more frames is no table that anybody reads: its columns are summarised."""
+"""Most frames that are tabulated: of more, columns are summarised, because nobody reads so long a table."""
 _Column = tuple[str, str]
 _Seen = dict[_Column, dict[int, int]]
 
 
 def point_lines(cameras: dict[str, Json]) -> list[str]:
-    """A table with a row per frame and a column per camera, in all its states, and target; and what frames are blank.
+    """A table with a row per frame and a column per camera, in all its states, and target; and the blank frames.
 
     Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
     numbers = sorted({row["frame"] for points in cameras.values() for row in points["frames"]})
-    seen, of = dict[_Column, dict[int, int]](), dict[_Column, int]()
+    visible, of = dict[_Column, dict[int, int]](), dict[_Column, int]()
     for camera, points in sorted(cameras.items()):
         for target in sorted(points["of"]):
             column = without_state(camera), target
-            seen.setdefault(column, {}).update({row["frame"]: row["seen"][target] for row in points["frames"]})
+            visible.setdefault(column, {}).update({row["frame"]: row["seen"][target] for row in points["frames"]})
             of[column] = points["of"][target]
-    if not seen or not numbers:
+    if not visible or not numbers:
         return []
-    text = _table(numbers, seen, of) if len(numbers) <= _ROWS else _summary(numbers, seen, of)
+    text = _table(numbers, visible, of) if len(numbers) <= _ROWS else _summary(numbers, visible, of)
     return [*text, *_blank(cameras)]
 
 
-def _table(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
-    heads = [f"{camera} {target}" for camera, target in seen]
+def _table(numbers: list[int], visible: _Seen, of: dict[_Column, int]) -> list[str]:
+    heads = [f"{camera} {target}" for camera, target in visible]
     width = max(5, *(len(str(number)) for number in numbers))
     text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
     for number in numbers:
-        cells = (f"{counts[number]} of {of[key]}" if number in counts else "" for key, counts in seen.items())
+        cells = (f"{counts[number]} of {of[key]}" if number in counts else "" for key, counts in visible.items())
         padded = (f"{cell:<{len(head)}}" for cell, head in zip(cells, heads, strict=True))
         text.append(f"  {number:>{width}}  {'  '.join(padded).rstrip()}")
     return text
 
 
-def _summary(numbers: list[int], seen: _Seen, of: dict[_Column, int]) -> list[str]:
+def _summary(numbers: list[int], visible: _Seen, of: dict[_Column, int]) -> list[str]:
     text = [f"points seen in {len(numbers)} frames:"]
-    for (camera, target), counts in seen.items():
+    for (camera, target), counts in visible.items():
         values = sorted(counts.values())
-        whole = sum(value == of[camera, target] for value in values)
+        complete = sum(value == of[camera, target] for value in values)
         fewest = min(counts, key=lambda number: (counts[number], number))
         text.append(
-            f"  {camera} {target}: all {of[camera, target]} in {whole} frames; median {values[len(values) // 2]};"
+            f"  {camera} {target}: all {of[camera, target]} in {complete} frames; median {values[len(values) // 2]};"
             f" fewest {counts[fewest]}, in frame {fewest}"
         )
     return text
@@ -131,11 +131,11 @@ def _blank(cameras: dict[str, Json]) -> list[str]:
 
 
 _SUMS = ("count", "seconds", "rays", "crossings")
-"""Fields that are summed; of `peak_bytes` the largest counts."""
+"""Fields that are summed; `peak_bytes` takes the maximum."""
 
 
 def profile(tasks: Iterable[tuple[str, Json]]) -> Json:
-    """Sum what tasks took, by their kinds and records: `kinds` and `kernels`, rows with the dearest first.
+    """Sum the costs of tasks by kind and of kernels by name: `kinds` and `kernels`, rows with the most expensive first.
 
     Seconds of the processor: all `cpu_seconds`, `loading_seconds` for compiled code, `other_seconds` outside kernels.
     """
@@ -155,7 +155,7 @@ def profile(tasks: Iterable[tuple[str, Json]]) -> Json:
 
 
 def _add(rows: dict[str, Json], name: str, costs: Json) -> None:
-    """Add the costs of one task or kernel; fields that it does not have are 0."""
+    """Add the costs of one task or kernel; fields that it lacks are 0."""
     row = rows.setdefault(name, {"name": name, "count": 0, "seconds": 0.0, "rays": 0, "crossings": 0, "peak_bytes": 0})
     for key in _SUMS:
         row[key] += costs.get(key, 0)
@@ -169,7 +169,7 @@ def _dearest_first(rows: dict[str, Json]) -> list[Json]:
 def profile_lines(costs: Json, limit_per_s: float) -> list[str]:
     """Two tables of the result of `profile`, for people.
 
-    The limit is `crossings_per_second`: crossings of spheres per second and core that roots and divisions allow.
+    The bound is `crossings_per_second`: sphere intersections per second and core that square roots and divisions allow.
     """
     total = costs["cpu_seconds"]
     text = [f"{'task kind':<18}{'tasks':>7}{'CPU s':>10}{'share':>8}{'rays':>10}{'rays/s':>10}{'memory':>10}"]

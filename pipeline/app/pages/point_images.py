@@ -1,4 +1,4 @@
-"""Images of points by diffraction: lines for a terminal, and a drawing with pictures and curves."""
+"""Point images by diffraction: lines for a terminal, and a drawing with pictures and curves."""
 
 import math
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from pipeline.results.notebook import figure, svg_of
 _WIDTH_IN, _ROW_IN = 11.0, 2.9
 """Width of the drawing and height of a row [inch]: a page of a browser."""
 _GAMMA = 0.4
-"""Power of the light that is shown as grey [1]: rings a hundred times fainter than the middle are seen."""
+"""Gamma of the displayed light [1]: rings a hundred times fainter than the centre are visible."""
 _CURVES = (
     ("perfect", "#9a9a9a", "-", "same aperture, no aberrations"),
     ("geometric", "#d08a1e", ":", "rays alone"),
     ("sagittal", "#1f5fa8", "--", "sagittal"),
     ("tangential", "#c0392b", "-", "tangential"),
 )
-"""Name, colour, dashes and words of each curve, the most important one on top."""
+"""Name, colour, dashes and caption of each curve, the most important one on top."""
 
 
 def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
-    """A table of several images, and what its columns are."""
+    """A table of several point images, and a legend of its columns."""
     nyquist = 1 / (2 * pitch_mm)
     head = ("place", "position", "object", "Airy radius", "wavefront", "Strehl", "MTF", "saddle")
     under = ("", "px", "mm", "um    px", "rms    PV", "", f"at {nyquist / 2:.0f}   at {nyquist:.0f}", "px")
@@ -61,9 +61,9 @@ def _shift(image: PointImage) -> str:
 
 
 def drawing(images: Sequence[tuple[str, PointImage]], title: str, pitch_mm: float) -> str:
-    """The drawing as the text of an SVG file: a row for each image, which comes with words about its light.
+    """The drawing as the text of an SVG file: a row for each image, captioned with its light.
 
-    Raises UsageError: matplotlib is not installed.
+    Raises UsageError: Matplotlib is not installed.
     """
     shown = figure(_WIDTH_IN, 0.4 + _ROW_IN * len(images))
     shown.suptitle(title, fontsize=11, x=0.01, ha="left")
@@ -78,7 +78,9 @@ def drawing(images: Sequence[tuple[str, PointImage]], title: str, pitch_mm: floa
 
 def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
     """The picture, the first dark ring of the Airy pattern, and the edges of a pixel."""
-    edge, half, turn = image.picture_um / 2, 500 * pitch_mm, np.linspace(0, 2 * np.pi, 100)
+    edge = image.picture_um / 2
+    half = 500 * pitch_mm
+    turn = np.linspace(0, 2 * np.pi, 100)
     extent = (-edge, edge, edge, -edge)
     axes.imshow(1 - image.picture**_GAMMA, cmap="gray", vmin=0, vmax=1, extent=extent, interpolation="nearest")
     axes.plot(image.airy_radius_um * np.cos(turn), image.airy_radius_um * np.sin(turn), ":", color="#c0392b")
@@ -90,7 +92,8 @@ def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
 def _draw_curves(axes: Any, image: PointImage, pitch_mm: float) -> None:
     for name, colour, dashes, words in _CURVES:
         axes.plot(image.per_mm, getattr(image, name), dashes, color=colour, label=words, linewidth=1.2)
-    last, nyquist = float(image.per_mm[-1]), 1 / (2 * pitch_mm)
+    last = float(image.per_mm[-1])
+    nyquist = 1 / (2 * pitch_mm)
     if nyquist < last:
         axes.axvline(nyquist, color="#27803d", linestyle=":", label="Nyquist frequency of the pixels")
     axes.set(xlim=(0, last), ylim=(0, 1))

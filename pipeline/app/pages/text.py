@@ -1,4 +1,4 @@
-"""The first-order report of a camera as a page for a terminal. It reads what camera.json says, so both agree."""
+"""The first-order report of a camera as a page for a terminal. It reads camera.json, so both agree."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ def page(name: str, document: Json, curves: FieldCurves) -> list[str]:
 
 
 def figures(document: Json, curves: FieldCurves) -> list[Figures]:
-    """The figures of a camera under their headings; parameters as of `page`."""
+    """The figures of a camera under their headings; parameters as for `page`."""
     sections = [Figures(heading="main lens", rows=tuple(_lens(document["lens"])))]
     if "windows" in document["lens"]:
         heading = "windows, the outermost first; the figures above are those of all together"
@@ -60,7 +60,7 @@ def figures(document: Json, curves: FieldCurves) -> list[Figures]:
 
 
 def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
-    """Lines about a lens alone, for an object at infinity; no curves where it has no real image."""
+    """Lines about a bare lens, for an object at infinity; no curves where it has no real image."""
     lens = document["lens"]
     lines = [f"{lens['name']}, for objects at infinity", _COUNTED, ""]
     front, rear = lens["focal_points_mm"]
@@ -88,12 +88,12 @@ def _request(asked: Json) -> str:
     if asked["focus_distance_mm"] is not None:
         kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
         distance = asked["focus_distance_mm"]
-        place = "infinity" if math.isinf(distance) else f"{distance:g} mm"
+        focus = "infinity" if math.isinf(distance) else f"{distance:g} mm"
         shift = asked["group_shift_mm"]
         effect = "sets the sensor distance"
         if shift is not None:
             effect = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
-        wishes.append(f"focus at {place}{kind} {effect}")
+        wishes.append(f"focus at {focus}{kind} {effect}")
     if asked["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)
@@ -127,15 +127,15 @@ def _windows(lens: Json) -> Iterator[Figure]:
         faces = window["surfaces"]
         remarks = [] if faces[0]["axis"][2] == 1 else [f"turned by {_off_axis_deg(faces[0]['axis']):.3f} deg"]
         curved = [face for face in faces if not math.isinf(face["radius_mm"])]
-        if centres := [_place([v - face["radius_mm"] * a for v, a in _along(face)]) for face in curved]:
+        if centres := [_point([v - face["radius_mm"] * a for v, a in _along(face)]) for face in curved]:
             remarks.append(f"centres of its faces at {', '.join(centres)}")
-        vertices = ", ".join(_place(face["vertex_mm"]) for face in faces)
+        vertices = ", ".join(_point(face["vertex_mm"]) for face in faces)
         yield Figure(window["name"], f"vertices at {vertices}", "; ".join(remarks))
     yield Figure("entrance pupil behind them", _mm(lens["pupil_behind_windows_mm"]), "about which a dome is concentric")
 
 
 def _along(face: Json) -> Iterator[tuple[float, float]]:
-    """The vertex of a face and its axis towards the scene, coordinate by coordinate."""
+    """Vertex of a face and its axis towards the scene, coordinate by coordinate."""
     return zip(face["vertex_mm"], face["axis"], strict=True)
 
 
@@ -144,8 +144,8 @@ def _off_axis_deg(axis: list[float]) -> float:
     return math.degrees(math.atan2(math.hypot(x, y), z))
 
 
-def _place(place_mm: list[float]) -> str:
-    """A place of the vision frame; one on the axis by its distance alone."""
+def _point(place_mm: list[float]) -> str:
+    """A point of the vision frame; one on the axis by its distance alone."""
     x, y, z = place_mm
     return f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if round(x, 3) or round(y, 3) else _mm(z)
 
@@ -177,7 +177,7 @@ def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
     if pinhole is None:
         yield Figure("equivalent pinhole", "none", "a telecentric lens, too wide a field, or too little light")
         return
-    centre = _place(pinhole["centre_mm"])
+    centre = _point(pinhole["centre_mm"])
     yield Figure("equivalent pinhole", centre, "centre of projection, fitted to real rays")
     for name, projection in (("without", pinhole), ("with", pinhole["with_distortion"])):
         rms, most = (projection["residual_px"][kind] for kind in ("rms", "max"))

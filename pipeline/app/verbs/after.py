@@ -12,7 +12,7 @@ CameraName = Annotated[str | None, typer.Argument(metavar="CAMERA", help="Name o
 
 
 def _formats(incomplete: str) -> list[str]:
-    """Formats, for completion in a shell; after a comma the next one."""
+    """Format names, for completion in a shell; after a comma the next one."""
     from pipeline.formats import names
 
     before, comma, begun = incomplete.rpartition(",")
@@ -60,7 +60,7 @@ def export(
     ] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Only this camera or target; as often as you like."),
+        typer.Option(metavar="NAME", help="Only this camera or target; may be repeated."),
     ] = None,
     noise: Annotated[
         str | None,
@@ -86,8 +86,8 @@ def export(
     from pipeline.results.output import open_output
 
     output = open_output(out)
-    place = folder or Path("exports") / out.absolute().name
+    destination = folder or Path("exports") / out.absolute().name
     request = Request(only=tuple(only or ()), noise=noise_of(noise) if noise else Noise(), replace=replace)
-    with chosen_place("write", place):
-        folders = [str(path) for path in written(output, formats.split(","), place, request)]
+    with chosen_place("write", destination):
+        folders = [str(path) for path in written(output, formats.split(","), destination, request)]
     say_json({"folders": folders}) if as_json else say("\n".join(folders))

@@ -1,4 +1,4 @@
-"""The verbs before a stage is there: `library`, `new dataset`, `new rig`, `import lens` and `import camera`."""
+"""The verbs that write stages: `library`, `new dataset`, `new rig`, `import lens` and `import camera`."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 from pipeline.app.verbs.terminal import Json, Verb, new_family, note, say, say_json, valued
 from pipeline.errors import Exit, UsageError
 
-new = new_family(help="Write stages to begin with: a dataset of poses, a rig of parts.")
+new = new_family(help="Write new stages: a dataset of poses, a rig of parts.")
 imports = new_family(help="Turn files of other programs into stages.")
 
 NewFile = Annotated[Path, typer.Argument(metavar="OUT.usda", help="The new file.")]
@@ -37,9 +37,9 @@ def dataset(
         float | None, valued("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1, max=1e4)
     ] = None,
     seed: Annotated[int, valued("S", "Other poses of the same kind.", min=0)] = 1,
-    fit: Annotated[bool, typer.Option("--fit", help="Scale the target so that calibrations know most.")] = False,
+    fit: Annotated[bool, typer.Option("--fit", help="Scale the target to inform a calibration best.")] = False,
     best: Annotated[
-        int | None, valued("N", "Instead of --poses: the N of many that tell a calibration most.", min=2, max=100)
+        int | None, valued("N", "Instead of --poses: the N most informative of many.", min=2, max=100)
     ] = None,
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
@@ -99,7 +99,7 @@ def lens_of_rig(lens: Path | None, focal_length: float | None) -> Path | float:
 
 
 def _end(out: Path, loaded: Any) -> None:
-    """Say what the new stage lacks, what it costs, and where it is."""
+    """Report what the new stage lacks, what it costs, and where it is."""
     from pipeline.graph.sizes import cost_lines
 
     note(*loaded.problems, *cost_lines(loaded.dataset, loaded.cameras))
@@ -131,7 +131,7 @@ def import_lens(
         float | None, valued("DEGREES", "For a table without semi-diameters: largest field angle.")
     ] = None,
     glasses: Annotated[
-        list[Path] | None, valued("FILE.agf", "Catalogue of a glass maker, which counts first; may be repeated.")
+        list[Path] | None, valued("FILE.agf", "Catalogue of a glass maker, which takes precedence; may be repeated.")
     ] = None,
     glass: Annotated[
         list[str] | None, valued("NAME=vendor:OTHER", "Glass in place of one of the file; may be repeated.")
@@ -225,6 +225,6 @@ def _cell(value: Any) -> str:
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines with columns as wide as their cells; numbers stand at the right."""
-    first, *others = (max(map(len, column)) for column in zip(*rows, strict=True))
-    return ["  ".join([row[0].ljust(first), *map(str.rjust, row[1:-1], others), row[-1]]).rstrip() for row in rows]
+    """Lines with columns as wide as their cells; numbers are right-aligned."""
+    first, *widths = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return ["  ".join([row[0].ljust(first), *map(str.rjust, row[1:-1], widths), row[-1]]).rstrip() for row in rows]

@@ -138,7 +138,7 @@ def build(
     )
     if dry_run:
         if device:
-            raise UsageError("--device does not go with --dry-run", hint="results of a device have keys of their own")
+            raise UsageError("--device does not go with --dry-run", hint="results of a device have separate keys")
         print_plan(stage, out, options, as_json=as_json)
         return
     report = None if no_report or preview or os.environ.get("PIPELINE_REPORT") == "no" else _report()
@@ -170,7 +170,7 @@ _NOTHING: dict[str, Any] = {
 
 
 def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
-    """Print the output folder or the files that were asked for, or one JSON object, and the profile if it is wanted."""
+    """Print the output folder or the requested files, or one JSON object, and the profile if requested."""
     if as_json:
         say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
         return
@@ -191,13 +191,13 @@ def _profile(result: Any) -> dict[str, Any]:
     from pipeline.app.pages.ending import profile
     from pipeline.engine.records import fields_of
 
-    known = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
-    ran = [task for task in known if task.state == "executed"]
-    return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or known)}
+    measured = [task for task in result.tasks if task.made_by and task.made_by.cpu_seconds is not None]
+    ran = [task for task in measured if task.state == "executed"]
+    return {"now": bool(ran), **profile((task.kind, fields_of(task.made_by)) for task in ran or measured)}
 
 
 def _report() -> Any:
-    """A report that listens to the build; None, with a note, where no plug-in writes one."""
+    """A report that listens to the build; None, with a note, if no plug-in writes one."""
     try:
         return plugged_in("product", "report")()
     except UsageError as error:
@@ -230,7 +230,7 @@ def ensemble(
         Path | None,
         option(OUTPUT, "--out", "-o", metavar="OUT", help="Folder; by default build/NAME-OF-THE-STAGE.ensemble."),
     ] = None,
-    images: Annotated[bool, option(OUTPUT, "--images", help="Make images, too, not tables and records alone.")] = False,
+    images: Annotated[bool, option(OUTPUT, "--images", help="Make images besides tables and records.")] = False,
     jobs: Jobs = None,
     allow_root: Roots = None,
 ) -> None:
@@ -246,8 +246,8 @@ def ensemble(
     from pipeline.engine.events import silent
     from pipeline.engine.options import BuildOptions
 
-    def run(path: Path, place: Path, options: BuildOptions) -> Any:
-        return _run(path, place, options, -1, None, None)
+    def run(path: Path, folder: Path, options: BuildOptions) -> Any:
+        return _run(path, folder, options, -1, None, None)
 
     def together(stages: Mapping[Path, Path], options: BuildOptions) -> Any:
         with display(0) as shown:

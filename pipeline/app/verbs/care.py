@@ -10,7 +10,7 @@ from pipeline.app.verbs.terminal import Json, Verb, new_family, note, number_of,
 from pipeline.errors import Exit
 from pipeline.spelling import human
 
-cache = new_family(help="Inspect and clean the store of results, $PIPELINE_CACHE.")
+cache = new_family(help="Inspect and clean up the store of results, $PIPELINE_CACHE.")
 
 
 @cache.command(cls=Verb)

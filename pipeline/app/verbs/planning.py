@@ -101,15 +101,15 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
 
 
 def _status_lines(status: Any) -> Iterator[str]:
-    """Counts in one line, then frames, which are as bad as their worst file, and other files by state."""
-    frames, others = dict[int, str](), dict[str, str]()
+    """Counts in one line, then frames, each as bad as its worst file, and other files by state."""
+    frames, other_files = dict[int, str](), dict[str, str]()
     for path, state in status.files.items():
         if path.startswith("frames/"):
             number = int(path.split("/")[1])
             frames[number] = max(state, frames.get(number, state), key=_STATES.index)
         else:
-            others[path] = state
-    counts = [(word, list(states.values())) for word, states in (("frames", frames), ("other files", others))]
+            other_files[path] = state
+    counts = [(word, list(states.values())) for word, states in (("frames", frames), ("other files", other_files))]
     totals = [
         f"{word}: {', '.join(f'{states.count(state)} {state}' for state in _STATES if state in states)}"
         for word, states in counts
@@ -120,7 +120,7 @@ def _status_lines(status: Any) -> Iterator[str]:
         if numbers := [number for number, state in frames.items() if state == wanted]:
             yield f"{wanted:<8} {frames_in_words(numbers)}"
         if wanted != "built":
-            yield from (f"{wanted:<8} {path}" for path, state in others.items() if state == wanted)
+            yield from (f"{wanted:<8} {path}" for path, state in other_files.items() if state == wanted)
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
@@ -134,7 +134,7 @@ def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
 
 
 def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, specs: Path | None = None) -> bool:
-    """Print the plan of a build with these `BuildOptions`; whether there is work to do."""
+    """Print the plan of a build with these `BuildOptions`; returns whether there is work to do."""
     from pipeline.app.build import project as project_made_of
     from pipeline.engine.files import chosen_place
     from pipeline.engine.planning.explain import describe

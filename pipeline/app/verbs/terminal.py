@@ -1,4 +1,4 @@
-"""Shared parts of all verbs: options, and how they print. Data go to stdout, messages and progress to stderr."""
+"""Shared parts of all verbs: options and printing. Data go to stdout, messages and progress to stderr."""
 
 import contextlib
 import json
@@ -51,7 +51,7 @@ Until = Annotated[
 
 
 def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Tasks and files of the stage that was typed, for completion in a shell."""
+    """Tasks and files of the stage on the command line, for completion in a shell."""
     try:
         stage = project_of(ctx.params["stage"], ctx.params.get("out"), ctx.params.get("allow_root"))
     except (PipelineError, KeyError, TypeError):
@@ -66,7 +66,7 @@ def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] |
 
 
 def library_file(path: Any) -> Any:
-    """The path as typed, or if there is no such file that of the shipped library, as `@lenses/...@` finds it."""
+    """The path as typed; if there is no such file, that of the shipped library, as `@lenses/...@` finds it."""
     if isinstance(path, (list, tuple)):
         return [library_file(part) for part in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
@@ -103,10 +103,10 @@ class _PlainFlags:
 
 
 class Verb(_PlainFlags, typer.core.TyperCommand):
-    """A verb of the command. No argument may be empty, as a path that would be the working directory, or unusable."""
+    """A verb of the command. No argument may be empty, which as a path would be the working directory, or unusable."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse arguments; those that are left."""
+        """Parse arguments; returns the remaining ones."""
         if not ctx.resilient_parsing and any(not arg or (arg[:2] == "--" and arg[-1] == "=") for arg in args):
             hint = "a variable that is not set leaves an empty one"
             raise UsageError(f"an argument is empty: {ctx.command_path} {shlex.join(args)}", hint=hint)
@@ -125,7 +125,7 @@ class Family(_PlainFlags, typer.core.TyperGroup):
 
 
 class Verbs(Family):
-    """The verbs of the core, and those of plug-ins, which are loaded when they are listed or asked for."""
+    """The verbs of the core, and those of plug-ins, which are loaded when they are listed or called."""
 
     plug_ins = ("design", "fit", "inform", "report")
     """Verbs of plug-ins of ours: without them they say so."""
@@ -158,14 +158,14 @@ class ReaderGone(Exception):
 
 
 def say(*lines: object) -> None:
-    """Print data to stdout: ReaderGone, or EnvironmentFault where they cannot be written, as on a full disk."""
+    """Print data to stdout; ReaderGone, or EnvironmentFault if they cannot be written, as on a full disk."""
     for line in lines:
         with _writing():
             print(for_terminals(str(line)))
 
 
 def written() -> None:
-    """Flush the output; raises as `say` does."""
+    """Flush the output; raises as `say`."""
     with _writing():
         sys.stdout.flush()
 
@@ -186,7 +186,7 @@ def say_json(value: Any) -> None:
 
 
 def require_suffix(path: Path | None, suffix: str) -> None:
-    """Refuse a name for a new file that is not one of its format, before anything is computed."""
+    """Refuse a name for a new file that does not have its format's suffix, before anything is computed."""
     if path is not None and path.suffix != suffix:
         raise UsageError(f"{path} is no {suffix} file", hint=f"end its name in {suffix}")
 

@@ -161,7 +161,8 @@ class Folder:
 
     def move_in(self, aside: Path, path: str, *, is_ours: bool) -> None:
         """Move a file into place, creating folders; a foreign file in its way is renamed."""
-        target, digest = self.out / path, digest_of(aside)
+        target = self.out / path
+        digest = digest_of(aside)
         for parent in reversed(target.relative_to(self.out).parents[:-1]):
             if _is_no_folder(self.out / parent):
                 self.clear(parent.as_posix(), is_ours=False)
@@ -229,7 +230,9 @@ def _files_below(out: Path) -> Iterator[str]:
 
 
 def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
-    present, data, digests = folder.present(), read_regular(folder.out / manifest.NAME), goal.digests
+    present = folder.present()
+    data = read_regular(folder.out / manifest.NAME)
+    digests = goal.digests
     is_complete = goal.contents.complete
     # A file that is not present is missing, or lies behind a link to a folder and so outside this one.
     changed = [path for path, digest in digests.items() if path not in present or ours.digest(path) != digest]

@@ -57,7 +57,8 @@ class Past:
         if last is None or last.made_by.cpu_seconds is None:
             return self.kinds.get(task.kind)
         run = last.made_by
-        before, now = self.size(task.kind, last.components.params), self.size(task.kind, params)
+        before = self.size(task.kind, last.components.params)
+        now = self.size(task.kind, params)
         factor = now / before if before > 0 and now > 0 else 1.0
         alike = self.kinds.get(task.kind)
         seconds = alike.cpu_seconds / alike.rays * run.rays if alike and alike.rays else _seconds([run])

@@ -164,7 +164,8 @@ def unpadded(name: str) -> str:
 
 def names_like(target: str, names: Iterable[str]) -> str:
     """Hint for a name that matches nothing: names that begin with the same word, the most similar word, or all."""
-    word, names = target.split("/")[0], sorted(names)
+    word = target.split("/")[0]
+    names = sorted(names)
     words = sorted({name.split("/")[0] for name in names})
     alike = [name for name in names if word in name.split("/")]
     if alike:

@@ -210,7 +210,8 @@ def _module(name: str) -> _Module | None:
 
 @functools.lru_cache(maxsize=4096)
 def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
-    source, is_package = Path(path).read_bytes(), path.endswith("/__init__.py")
+    source = Path(path).read_bytes()
+    is_package = path.endswith("/__init__.py")
     key = key_of("source/v1", [name, is_package, hashlib.sha256(source).hexdigest()])
     if key not in _parsed_before:
         _parsed_before[key] = _parsed(ast.parse(source, path), name, is_package)

@@ -77,7 +77,9 @@ class _Driver:
     def __init__(self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller) -> None:
         self.graph, self.store, self.engine, self.options = graph, store, engine, options
         self.on_event, self.prepare, self.folder = caller.on_event, caller.prepare, caller.folder
-        self.places, self.peaks, self.available_bytes = caller.places, dict(caller.peaks), available_bytes()
+        self.places = caller.places
+        self.peaks = dict(caller.peaks)
+        self.available_bytes = available_bytes()
         self.outcome = Outcome()
         self._forced = set(options.force)
         self._specs = Specs(store)

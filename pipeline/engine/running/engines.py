@@ -96,7 +96,8 @@ class Processes:
     def submit(self, job: Job) -> None:
         """Give a job to an idle worker, or to a new one."""
         worker = next((worker for worker in self._workers if not worker.job), None) or self._start()
-        worker.job, worker.since = job, None
+        worker.job = job
+        worker.since = None
         self._send(worker, job)
 
     def wait(self, timeout_s: float) -> list[Reply]:
@@ -166,7 +167,8 @@ class Processes:
         status = worker.process.wait()
         self._forget(worker)
         how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
-        text, is_killed = f"its worker process died by {how}", status == -signal.SIGKILL
+        text = f"its worker process died by {how}"
+        is_killed = status == -signal.SIGKILL
         return [lost(spec, text, memory=is_killed) for spec in worker.job]
 
     def _forget(self, worker: _Worker) -> None:
@@ -193,7 +195,8 @@ def serve() -> None:
     threading.Thread(target=_listen, args=(requests, lines), daemon=True).start()
     setup = json.loads(lines.get())
     warnings: list[str] = []
-    store, packages = Store(setup["store"], warn=warnings.append), tuple(setup["packages"])
+    store = Store(setup["store"], warn=warnings.append)
+    packages = tuple(setup["packages"])
     while True:
         job = [from_plain(Spec, plain) for plain in json.loads(lines.get())]
 
@@ -203,8 +206,8 @@ def serve() -> None:
         store.say_waiting = functools.partial(announce, "waiting")
         with _descriptors_in(store.file_for("log", job[0].key)):
             # Time spent by another builder is not time of the task.
-            first, *others = perform(job, store, packages, functools.partial(announce, "begun"))
-        _send(replies, [replace(first, warnings=tuple(warnings)), *others])
+            first, *rest = perform(job, store, packages, functools.partial(announce, "begun"))
+        _send(replies, [replace(first, warnings=tuple(warnings)), *rest])
         warnings.clear()
 
 

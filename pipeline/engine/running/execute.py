@@ -64,7 +64,8 @@ def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
 
 
 def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None]) -> list[Reply]:
-    start, replies = time.perf_counter(), dict[str, Reply]()
+    start = time.perf_counter()
+    replies = dict[str, Reply]()
     firsts = {spec.key: spec for spec in reversed(specs)}  # frames that are alike have one key
     with contextlib.ExitStack() as locks:
         # Always in the same order, so that two builders cannot wait for each other for ever.
@@ -116,7 +117,8 @@ def _lacks_inputs(spec: Spec, store: Store) -> bool:
 def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> list[Reply]:
     """Run tasks of one kind with the same inputs, and keep their records."""
     components = specs[0].components
-    kind, count = components.kind, len(specs)
+    kind = components.kind
+    count = len(specs)
     check_kind(kind, packages)
     _refuse_other_code(components, store)
     folder = specs[0].folder
@@ -129,7 +131,9 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
     with contextlib.ExitStack() as folders:
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         reset_peak()
-        start, cpu_s, before = time.perf_counter(), time.process_time(), work().copy()
+        start = time.perf_counter()
+        cpu_s = time.process_time()
+        before = work().copy()
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
@@ -178,9 +182,9 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     """
     kind = components.kind
     with cached_parsing(store):
-        here = code_of(kind)
+        present = code_of(kind)
     for part in ("code", "libraries", "machine"):
-        value, stated = getattr(here, part), getattr(components, part)
+        value, stated = getattr(present, part), getattr(components, part)
         if value != stated:
             hint = "if the code was edited meanwhile, build again; else give all machines the same versions"
             if part == "machine":

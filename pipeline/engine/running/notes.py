@@ -92,7 +92,8 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
     of |= dict.fromkeys([*finished, ""], project.source)
     if of == before:
         return
-    sources, numbers = list[Any](), dict[int, int]()
+    sources = list[Any]()
+    numbers = dict[int, int]()
     for source in {id(source): source for source in of.values()}.values():  # thousands of tasks have the same one
         sources += [] if source in sources else [source]
         numbers[id(source)] = sources.index(source)
@@ -102,8 +103,10 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
 
 def logs_of(project: Project, target: str) -> list[TaskLog]:
     """Facts about the last runs of the tasks that match a target."""
-    store, logs = Store(), []
-    keys, ended = history_of(project, store).keys, _ended(project, store)
+    store = Store()
+    logs = []
+    keys = history_of(project, store).keys
+    ended = _ended(project, store)
     for name in tasks_of(project, target):
         unrecorded = TaskResult(
             name=name, kind="", state="built" if name in keys else "never built", key=keys.get(name)

@@ -98,11 +98,11 @@ class Result:
         """Plain data, as in `build --json`."""
         counts = {state: self.count(state) for state in ("executed", "cached", "failed", "skipped")}
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
-        whole = {**head, "certificate": self.certificate, "points": self.points}
-        whole["tasks"] = [task.to_dict() for task in self.tasks]
+        facts = {**head, "certificate": self.certificate, "points": self.points}
+        facts["tasks"] = [task.to_dict() for task in self.tasks]
         if self.asked is not None:
-            whole["files"] = list(self.asked)
-        return whole if self.error is None else {**whole, "error": str(self.error)}
+            facts["files"] = list(self.asked)
+        return facts if self.error is None else {**facts, "error": str(self.error)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

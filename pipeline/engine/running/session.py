@@ -98,7 +98,8 @@ class _Build:
     error: PipelineError | None = None
 
     def __post_init__(self) -> None:
-        self.warn, self.history = cache(warner(self.caller.on_event)), history_of(self.project, self.store)
+        self.warn = cache(warner(self.caller.on_event))
+        self.history = history_of(self.project, self.store)
         self.head, self.before = self.project.head, self.graph.before_delivery
         self.after = [name for name in self.graph if name not in self.before]
         self.is_complete = len(self.graph) == len(self.project.graph)
@@ -113,7 +114,8 @@ class _Build:
             done = sorted(self.outcome.records)
             count = min(len(done), max(1, math.ceil(len(done) * self.options.check_percent / 100)))
             again = self._run(random.SystemRandom().sample(done, count))  # others every time
-            self.outcome.checked, self.outcome.interrupted = tuple(sorted(again.ran)), again.interrupted
+            self.outcome.checked = tuple(sorted(again.ran))
+            self.outcome.interrupted = again.interrupted
             bad = {name: task for name, task in again.ran.items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, complete=self.is_complete)
@@ -132,7 +134,8 @@ class _Build:
                 self.warn("results vanished from the store before delivery; they are made again")
                 again = self._run()
                 self.outcome.results |= again.ran  # the report still counts the work of the first run
-                self.outcome.records, self.outcome.interrupted = self.outcome.records | again.records, again.interrupted
+                self.outcome.records = self.outcome.records | again.records
+                self.outcome.interrupted = again.interrupted
                 self._fill()
         except DamagedBlob:
             twice = "results vanished from the store before delivery, twice"
@@ -195,7 +198,8 @@ class _Build:
         records = {**outcome.records, **self.existing}
         if not set(self.before) <= records.keys() or outcome.interrupted:
             return
-        missing, complete = set(self.after) - records.keys(), bool(self.after) or not self.options.targets
+        missing = set(self.after) - records.keys()
+        complete = bool(self.after) or not self.options.targets
         if not complete:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_complete:
@@ -215,7 +219,8 @@ def _require_place(project: Project) -> None:
     if flaw := flaw_of(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
-    out, kernels = Path(os.path.realpath(project.out)), Path(os.path.realpath(cache_folder()))
+    out = Path(os.path.realpath(project.out))
+    kernels = Path(os.path.realpath(cache_folder()))
     inside = [path for path in project.reads if Path(os.path.realpath(path)).is_relative_to(out)]
     if root := store_around(out):
         flaw = f"lies in a store of results, {root}"
@@ -265,7 +270,8 @@ def status_of(project: Project) -> Status:
     store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
-    there, ours = manifest.read(project.out), OurFiles(project.out, store, project.stage_id)
+    there = manifest.read(project.out)
+    ours = OurFiles(project.out, store, project.stage_id)
 
     def wanted(path: str, source: Source) -> str | None:
         if isinstance(source, bytes):
@@ -277,7 +283,8 @@ def status_of(project: Project) -> Status:
         return there.files[path].sha256 if is_same and path in there.files else None
 
     def state(path: str, source: Source) -> str:
-        digest, is_open = ours.digest(path), not isinstance(source, bytes) and tasks[source[0]].state == "maybe"
+        digest = ours.digest(path)
+        is_open = not isinstance(source, bytes) and tasks[source[0]].state == "maybe"
         other = "maybe" if is_open else "stale"
         return "missing" if digest is None else "built" if digest == wanted(path, source) else other
 
@@ -327,7 +334,8 @@ def _read(path: Path) -> Spec:
     hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
     try:
         spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))
-        key, names = spec.components.key, [spec.name, spec.components.kind]
+        key = spec.components.key
+        names = [spec.name, spec.components.kind]
         is_spec = {*map(type, names)} == {str} and all(map(DIGEST.fullmatch, [spec.key, *spec.components.digests()]))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}", hint=hint) from error

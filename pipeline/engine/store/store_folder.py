@@ -108,7 +108,8 @@ class StoreFolder:
         File locks tell which processes live, not clocks or process ids. Locks may not work between machines, so
         workspaces of other machines stay unless they are older than `older_than_s`.
         """
-        swept, tmp = 0, self.root / "tmp"
+        swept = 0
+        tmp = self.root / "tmp"
         for folder in sorted(tmp.iterdir()) if tmp.is_dir() else ():
             match = _WORKSPACE.fullmatch(folder.name)
             handle = _open_folder(folder) if match else None
@@ -162,7 +163,8 @@ class StoreFolder:
         """
         if not os.path.lexists(path):
             return
-        is_folder, done = path.is_dir() and not path.is_symlink(), "deleted"
+        is_folder = path.is_dir() and not path.is_symlink()
+        done = "deleted"
         try:
             if is_folder and not any(path.iterdir()):
                 path.rmdir()
@@ -183,7 +185,8 @@ class StoreFolder:
 
 def _require_store(root: Path) -> None:
     """Refuse a folder that is no store of this version: not one without its VERSION, or hardly begun when killed."""
-    names, version = sorted(_listed(root)), read_regular(root / "VERSION") or b""
+    names = sorted(_listed(root))
+    version = read_regular(root / "VERSION") or b""
     if version == VERSION:
         return
     if version.startswith(VERSION[:-2]):

@@ -1,8 +1,7 @@
-"""Tasks on a Dask cluster. The only module that knows `distributed`, which comes with the extra [cluster].
+"""Tasks on a Dask cluster. The only module that imports `distributed`, which comes with the extra [cluster].
 
-Dask sees neither the graph nor an array: a job is a few kB and its result a record. Everything else goes
-through the store, a folder that every worker reaches under the same path. Finished results survive the death of any
-process.
+Dask sees neither the graph nor an array: a job is a few kB and its result a record. Everything else goes through the
+store, a folder that every worker reaches under the same path. Finished results survive the death of any process.
 """
 
 import asyncio
@@ -39,7 +38,7 @@ _SETTINGS = {
 
 
 def engine_of(where: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
-    """The engine of `--engine dask:WHERE`; UsageError if it says no scheduler, EnvironmentFault without [cluster]."""
+    """The engine of `--engine dask:WHERE`; UsageError if it names no scheduler, EnvironmentFault without [cluster]."""
     if not where:
         hint = (
             "write dask:tcp://host:8786, or dask:FILE for the file that `dask scheduler --scheduler-file FILE` writes"
@@ -86,8 +85,8 @@ class Dask:
 
     @property
     def free(self) -> int:
-        """Number of tasks that the cluster can take: idle threads, plus one task per worker that waits, as long as
-        waiting cannot be taken for working.
+        """Number of tasks that the cluster can take: idle threads, plus one task per worker that waits, unless that
+        wait cannot be told from work.
         """
         threads = self._threads()
         return sum(threads) + (len(threads) if self._timeout_s is None else 0) - len(self._running)
@@ -193,7 +192,7 @@ class Dask:
 
     @contextlib.contextmanager
     def _reaching(self) -> Iterator[None]:
-        """Context for calls to the scheduler. A client that has lost it raises errors of many kinds."""
+        """Context for calls to the scheduler. A client that has lost it raises many kinds of errors."""
         try:
             yield
         except PipelineError:
@@ -207,17 +206,17 @@ class Dask:
             raise
 
     def _require_same_store(self) -> None:
-        """Check that every worker sees this store under this path, the only thing that workers and driver share."""
+        """Check that every worker sees this store under this path: the only thing that workers and driver share."""
         note = f"{os.getpid()}-{time.time_ns()}"
         self._store.write_note("index", f"here-{note}", note)
         try:
             self._client.wait_for_workers(1, timeout=_NO_WORKERS_S)
-            seen = self._client.run(_sees_note, str(self._store.root), note, on_error="return")
+            views = self._client.run(_sees_note, str(self._store.root), note, on_error="return")
         except TimeoutError:
             raise EnvironmentFault("the Dask cluster has no workers", hint="start some, and build again") from None
         finally:
             (self._store.root / "index" / f"here-{note}.json").unlink(missing_ok=True)
-        bad = {address: answer for address, answer in seen.items() if answer is not True}
+        bad = {address: answer for address, answer in views.items() if answer is not True}
         if bad:
             address, answer = next(iter(bad.items()))
             why = f"{type(answer).__name__}: {answer}" if isinstance(answer, Exception) else "it is not there"
@@ -241,5 +240,5 @@ def _perform_there(job: Job, root: str, packages: list[str]) -> list[Reply]:
     warnings: list[str] = []
     store = Store(root, warn=warnings.append)
     with store.in_use():
-        first, *others = perform(job, store, tuple(packages))
-    return [replace(first, warnings=tuple(warnings)), *others]
+        first, *rest = perform(job, store, tuple(packages))
+    return [replace(first, warnings=tuple(warnings)), *rest]

@@ -1,16 +1,16 @@
-"""Design of a plenoptic camera from what is known of it: where array and sensor stand, pitch, focal lengths, stop.
+"""Design of a plenoptic camera from its requirements: positions of array and sensor, pitch, focal lengths, stop.
 
 Paraxial and in closed form; `plugins.design.judgement` judges by real rays. The scheme is that of Michels and Koch,
-"Ray Tracing-Guided Design of Plenoptic Cameras" (2022, arXiv 2203.04660): main lens and sensor are known, the rest
-follows from the wanted depth of field. Lengths count along the axis: T from exit pupil to array, B from array to
+"Ray Tracing-Guided Design of Plenoptic Cameras" (2022, arXiv 2203.04660): main lens and sensor are given, the rest
+follows from the required depth of field. Lengths count along the axis: T from exit pupil to array, B from array to
 sensor, d from exit pupil to the main lens's image of an object, a = d - T from the array to it.
 
 - Micro-images touch where F-numbers match, P / B = D / T, with the exit pupil D (Ng et al., "Light Field Photography
   with a Hand-held Plenoptic Camera", 2005). The image of the pupil through a vertex is then as wide as the pitch P, so
   that P = n p for n pixels p; centres are P (1 + B / T) apart, which leaves a gap of P B / T.
-- Blur behind a microlens is P |1 - B / f - B / a| (Perwass and Wietzke, 2012), at most c pixels while the vergence
-  B / a is within c / n of 1 - B / f. N types whose ranges join reach over 2 N c / n of vergence, from B / a of the near
-  end to that of the far end. The virtual depth v = a / B is least at the far end; a point has about v^2 micro-images.
+- Blur behind a microlens is P |1 - B / f - B / a| (Perwass and Wietzke, 2012), at most c pixels while the vergence B /
+  a is within c / n of 1 - B / f. N types whose ranges join reach over 2 N c / n of vergence, from B / a of the near end
+  to that of the far end. The virtual depth v = a / B is least at the far end; a point has about v^2 micro-images.
 - An unfocused camera has f = B. A view of one pixel has a pupil of p T / B, whose blur p T |a| / (B d) on the array is
   at most c P while d is between T^2 / (T + B n c) and T^2 / (T - B n c): T is the harmonic mean of both.
 - Views that move by S microlenses per pixel meet at d = T / (1 + S P B / (p T)): Michels, Maeckelmann and Koch, "Mind
@@ -32,10 +32,10 @@ from pipeline.optics.prescription import Prescription
 LEAST_DEPTH = 2.0
 """Least virtual depth from which every point has two micro-images along each axis (Perwass and Wietzke 2012)."""
 _SIGNIFICANT = 9
-"""Digits of designed lengths, as a stage states them: the camera that is judged is the one that is written."""
+"""Significant digits of designed lengths, as a stage states them: the judged camera is the written one."""
 
 _JOINED = 1 - 1e-6
-"""Distance of ranges over that at which they just touch [1]: no rounding leaves a gap between types."""
+"""Separation of adjacent ranges over that at which they just touch [1]: rounding leaves no gap between types."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +62,7 @@ class PlenopticWish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlenopticDesign:
-    """A designed camera and what its formulas promise. Ranges are vision z [mm], their far end may be inf."""
+    """A designed camera and the performance that formulas promise. Ranges are vision z [mm]; the far end may be inf."""
 
     camera: Camera
     f_number: float
@@ -86,7 +86,7 @@ class PlenopticDesign:
 
 @dataclass(frozen=True, slots=True)
 class _Solution:
-    """Distances along the axis and pupil [mm]; `vergence` is B / a of the far end, 0 of an unfocused camera."""
+    """Distances along the axis and pupil [mm]; `vergence` is B / a of the far end, 0 for an unfocused camera."""
 
     to_array: float
     gap: float
@@ -95,7 +95,7 @@ class _Solution:
 
 
 def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) -> PlenopticDesign:
-    """Design a camera; CameraError: demands contradict each other, or none meets them: the hint says what helps."""
+    """Design a camera; CameraError: demands contradict each other, or none meets them; the hint states a remedy."""
     _check(wish)
     lens = first_order(prescription)
     solved = (_unfocused if wish.unfocused else _focused)(lens, wish.image_px * sensor.pitch_mm, wish)
@@ -141,7 +141,7 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
 
 
 def refocused_mm(lens: FirstOrder, camera: Camera, shift: float) -> float:
-    """Vision z of what is sharp where views move by `shift` microlenses per pixel; inf: infinity or beyond.
+    """Vision z of the plane in focus where views move by `shift` microlenses per pixel; inf: infinity or beyond.
 
     A view moves with its pixel: right in the micro-image, right in the picture of vertices upright as the image.
     """
@@ -153,7 +153,7 @@ def refocused_mm(lens: FirstOrder, camera: Camera, shift: float) -> float:
 
 
 def _too_wide(lens: FirstOrder, wish: PlenopticWish, excess: float, as_it_is: float) -> CameraError:
-    """The error about a stop `excess` times as wide as the lens lets through, and its own `as_it_is` times."""
+    """Error about a stop `excess` times as wide as the lens transmits, and its own `as_it_is` times."""
     widest = math.ceil(1000 * lens.f_number * as_it_is) / 1000
     message = f"micro-images of {wish.image_px:g} px would need F/{lens.f_number * as_it_is / excess:.3g}"
     if wish.f_number is not None or wish.magnification is not None:
@@ -197,7 +197,8 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
             f" {wish.image_px / (2 * wish.types * depth):.3g}",
         )
     if wish.near_mm is None or wish.far_mm is None:
-        pupil, middle = _pupil(lens, wish.f_number), 1 / depth - span / 2
+        pupil = _pupil(lens, wish.f_number)
+        middle = 1 / depth - span / 2
         to_array = _magnified(lens, wish) / (1 + pitch / (pupil * middle))
         return _Solution(to_array, pitch * to_array / pupil, pupil, 1 / depth)
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
@@ -207,7 +208,8 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
         return _Solution(to_far - depth * gap, gap, pitch * (to_far - depth * gap) / gap, 1 / depth)
     # B deep = span a (a + deep) and B = P (to_far - a) / D: a of the far end is the positive root.
     pupil = _pupil(lens, wish.f_number)
-    linear, constant = deep * (span + pitch / pupil), pitch * deep * to_far / pupil
+    linear = deep * (span + pitch / pupil)
+    constant = pitch * deep * to_far / pupil
     a = (math.sqrt(linear**2 + 4 * span * constant) - linear) / (2 * span)
     gap = pitch * (to_far - a) / pupil
     if a < LEAST_DEPTH * gap:
@@ -222,7 +224,8 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
 
 def _unfocused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
     if wish.near_mm is None or wish.far_mm is None:
-        pupil, to_array = _pupil(lens, wish.f_number), _magnified(lens, wish)
+        pupil = _pupil(lens, wish.f_number)
+        to_array = _magnified(lens, wish)
         return _Solution(to_array, pitch * to_array / pupil, pupil, 0.0)
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
     to_array = 2 / (1 / to_near + 1 / to_far)
@@ -237,14 +240,14 @@ def _focal_lengths(solved: _Solution, wish: PlenopticWish) -> list[float]:
 
 
 def _pupil(lens: FirstOrder, f_number: float | None) -> float:
-    """Diameter of the exit pupil at an F-number, or as the lens is."""
+    """Diameter of the exit pupil at an F-number, or of the lens as it is."""
     if lens.entrance_pupil.is_infinite:
         raise CameraError("a telecentric lens has no F-number at infinity", hint="give --near and --far alone")
     return lens.exit_pupil.diameter_mm * (1.0 if f_number is None else lens.f_number / f_number)
 
 
 def _magnified(lens: FirstOrder, wish: PlenopticWish) -> float:
-    """Distance from the exit pupil to the image of what is magnified so."""
+    """Distance from the exit pupil to the image at this magnification."""
     assert wish.magnification is not None
     return lens.exit_pupil.z_mm - lens.rear_focus_mm + wish.magnification * lens.efl_mm
 
@@ -260,7 +263,7 @@ def _image(lens: FirstOrder, object_mm: float) -> float:
 
 
 def _object(lens: FirstOrder, behind_pupil_mm: float) -> float:
-    """Vision z of the object whose image is so far behind the exit pupil; inf: infinity or beyond."""
+    """Vision z of the object whose image lies this far behind the exit pupil; inf: infinity or beyond."""
     image_mm = lens.exit_pupil.z_mm - behind_pupil_mm
     return lens.object_mm(image_mm) if image_mm < lens.rear_focus_mm else math.inf
 
@@ -270,6 +273,6 @@ def _rounded(length_mm: float) -> float:
 
 
 def _down(value: float) -> str:
-    """A bound with three digits that lies within it."""
+    """A bound rounded inwards to three digits."""
     scale = 10.0 ** (math.floor(math.log10(value)) - 2)
     return f"{math.floor(value / scale) * scale:.3g}"

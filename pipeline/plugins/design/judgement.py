@@ -1,7 +1,7 @@
-"""A plenoptic camera judged by real rays: sharpness and resolution over depth, micro-images over the field, views.
+"""Judgement of a plenoptic camera by real rays: sharpness and resolution over depth, micro-images, views.
 
-Distances are vision z [mm]. A view takes from every micro-image the pixel at the same place against its centre; views
-move by so many microlenses per pixel, see `plugins.design.formulas`.
+Distances are vision z [mm]. A view takes the pixel at the same offset from the centre of every micro-image; views move
+by a number of microlenses per pixel, see `plugins.design.formulas`.
 """
 
 import math
@@ -19,20 +19,21 @@ from pipeline.results.ready_camera import POINT, ReadyCamera
 _ACCURACY_PX = 1e-4
 """Error that positions may have [px]: far less than is printed."""
 _SHARES = np.linspace(-0.25, 1.25, 25)
-"""Places in the range, even in 1 / z, at which blur is asked: a little beyond its ends, where real rays may end it."""
+"""Samples of the range for blur, uniform in 1 / z: a little beyond its ends, where real rays may end it."""
 _EVERY, _INSIDE = 2, slice(4, 21)
 """Of these the ones that are listed: nine from end to end."""
 _DEEPEST = 10.0
-"""Far end over the near one that is judged at most [1]: a range may end at infinity."""
+"""Farthest distance that is judged, over the nearest [1]: a range may end at infinity."""
 _NEAR_AXIS = 4.0
-"""Distance from the axis within which microlenses are asked for views [pitches]: field curvature is nothing there."""
+"""Distance from the axis within which microlenses are used for views [pitches]: field curvature is negligible there."""
 _FIELDS = np.linspace(0.0, 0.97, 6)
-"""Shares of the way to the corner at which micro-images are judged: at the last one no edge of the array is near."""
+"""Relative field heights at which micro-images are judged [1]: at the last one no edge of the array is near."""
 _VIEWS = (0.0, 0.15, 0.3)
-"""Views whose places are asked, over the diameter of a micro-image [1]: in its middle, and well inside of its edge."""
+"""Offsets of the views that are located, over the diameter of a micro-image [1]: central, and well inside its edge."""
 _WIDENING = {"hexagonal": math.sqrt(10) / 3, "hexagonal-columns": math.sqrt(10) / 3, "square": 2 / math.sqrt(3)}
-"""Diameter 2 sqrt(2 tr) of the disc with the second moments of a cell, over its width across flats [1]: a circle of
-confusion counts the latter."""
+"""Diameter 2 sqrt(2 tr) of the disc with the second moments of a cell, over its width across flats [1], by which
+circles of confusion are stated.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,7 @@ class DepthRow:
 
 @dataclass(frozen=True, slots=True)
 class ViewRow:
-    """Views of what lies at a distance."""
+    """Views of objects at one distance."""
 
     z_mm: float
     shift: float  # microlenses per pixel by which views move
@@ -108,21 +109,22 @@ def _over_depth(
     """Rows, and per type the range within which points blur to the circle of confusion.
 
     Points lie on the ray of the micro-image centre of the middle microlens of each type, which sees them whatever their
-    distance; that of type 0 is about the axis.
+    distance; that of type 0 is close to the axis.
     """
     camera, (x_mm, y_mm, own) = ready.camera, zip(*ready.rig.middles, strict=True)
     assert camera.microlenses is not None
     rays = ready.rays(*ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm])).T, accuracy_px=_ACCURACY_PX)
     places = np.stack([rays.at_distance(z) for z in z_mm], axis=1)
-    seen = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in places]
+    projections = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in places]
     blur_px, px_per_mm = np.full((2, len(z_mm), len(own)), np.nan)
-    for kind, (rows, cell) in enumerate(zip(seen, own, strict=True)):
-        here = (rows.microlens == ready.rig.axial[cell]).all(axis=1)
-        blur_px[rows.point[here], kind] = 2 * rows.rho_px[here] / _WIDENING[camera.microlenses.layout]
-        px_per_mm[rows.point[here], kind] = np.linalg.norm(rows.derivatives[POINT][here, :, 0], axis=1)
-    lateral_mm, listed = np.maximum(1.0, np.abs(blur_px)) / px_per_mm, []
+    for kind, (rows, cell) in enumerate(zip(projections, own, strict=True)):
+        is_central = (rows.microlens == ready.rig.axial[cell]).all(axis=1)
+        blur_px[rows.point[is_central], kind] = 2 * rows.rho_px[is_central] / _WIDENING[camera.microlenses.layout]
+        px_per_mm[rows.point[is_central], kind] = np.linalg.norm(rows.derivatives[POINT][is_central, :, 0], axis=1)
+    lateral_mm = np.maximum(1.0, np.abs(blur_px)) / px_per_mm
+    listed = []
     for i, z in enumerate(z_mm.tolist()):
-        rates = seen[0].derivatives[POINT][seen[0].point == i, :, 2]
+        rates = projections[0].derivatives[POINT][projections[0].point == i, :, 2]
         fastest = np.linalg.norm(rates[:, None] - rates, axis=-1).max(initial=0.0)
         listed.append(
             DepthRow(
@@ -140,14 +142,17 @@ def _over_depth(
 
 
 def _where(camera: Camera, z_mm: np.ndarray, blur_px: np.ndarray, wanted_px: float) -> float | None:
-    """Distance at which a blur, which grows with it, has a value; None: not among these.
+    """Distance at which a blur that grows with distance takes a value; None: not in this interval.
 
-    Between these blur is linear in the vergence at the array, as it is near the axis.
+    Between the samples blur is linear in the vergence at the array, as it is near the axis.
     """
-    lens, known, array = first_order(camera.prescription), np.isfinite(blur_px), camera.microlenses
+    lens = first_order(camera.prescription)
+    reached = np.isfinite(blur_px)
+    array = camera.microlenses
     assert array is not None
     array_mm = array.distance_mm - camera.sensor_distance_mm
-    blur, vergence = blur_px[known], [1 / (array_mm - lens.image_mm(z)) for z in z_mm[known]]
+    blur = blur_px[reached]
+    vergence = [1 / (array_mm - lens.image_mm(z)) for z in z_mm[reached]]
     if not len(blur) or not blur.min() <= wanted_px <= blur.max():
         return None
     return lens.object_mm(array_mm - 1 / float(np.interp(wanted_px, blur, vergence)))
@@ -156,7 +161,8 @@ def _where(camera: Camera, z_mm: np.ndarray, blur_px: np.ndarray, wanted_px: flo
 def _over_field(ready: ReadyCamera) -> list[FieldRow]:
     tracer, images = ready.rig.tracer, ready.rig.images
     assert images is not None
-    pitch_mm, centres = tracer.camera.sensor.pitch_mm, images.centre_mm
+    pitch_mm = tracer.camera.sensor.pitch_mm
+    centres = images.centre_mm
     places = _FIELDS[:, None] * tracer.camera.sensor.farthest_corner_mm
     rows = np.unique(images.nearby.nearest(places)[1][:, 0])
     light = micro_light(tracer, images, rows=rows)
@@ -178,9 +184,11 @@ def _over_field(ready: ReadyCamera) -> list[FieldRow]:
 
 
 def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
-    """Rays of the views a quarter of a micro-image off the middle, behind microlenses near the axis, as the linear
-    function a X + b v of microlens and view that they are there: those of one point move by X = - b / a per view."""
-    camera, images = ready.camera, ready.rig.images
+    """Rays of the views a quarter of a micro-image off centre, behind microlenses near the axis, as a linear function a
+    X + b v of microlens and view: the rays of one point move by X = -b / a per view.
+    """
+    camera = ready.camera
+    images = ready.rig.images
     array = camera.microlenses
     assert array is not None and images is not None
     vertex_mm = ready.rig.tracer.vertices_mm
@@ -197,18 +205,21 @@ def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
     slope = (end - start) / (z_mm[-1] - z_mm[0])  # rays are straight: a and b are linear in z
     a, b = start[:, None] + slope[:, None] * (z_mm - z_mm[0])
     rate = np.abs(slope[1] * a - slope[0] * b) / a**2  # of b / a over z
-    lens, lateral_mm, depth_mm = first_order(camera.prescription), np.maximum(abs(a), abs(b)), 1 / (rate * diameter_px)
+    lens = first_order(camera.prescription)
+    lateral_mm = np.maximum(abs(a), abs(b))
+    depth_mm = 1 / (rate * diameter_px)
     columns = zip(z_mm.tolist(), (-b / a).tolist(), lateral_mm.tolist(), depth_mm.tolist(), strict=True)
-    return [ViewRow(z, shift, refocused_mm(lens, camera, shift), *others) for z, shift, *others in columns]
+    return [ViewRow(z, shift, refocused_mm(lens, camera, shift), *figures) for z, shift, *figures in columns]
 
 
 def _viewpoint(ready: ReadyCamera, view_px: float) -> Viewpoint:
-    images, size = ready.rig.images, np.array(ready.size_px)
+    images = ready.rig.images
+    size = np.array(ready.size_px)
     assert images is not None
     centre_px = ready.rig.tracer.pixels_at(images.centre_mm)
     inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
     few = centre_px[inside][:: max(1, int(inside.sum()) // 200)]
     rays = ready.rays(few[:, 0] + view_px, few[:, 1], accuracy_px=_ACCURACY_PX)
-    x, y, z = (place := rays.nearest_point_mm).tolist()
-    off_mm = np.linalg.norm(np.cross(rays.direction, rays.origin_mm - place), axis=1)
+    x, y, z = (point := rays.nearest_point_mm).tolist()
+    off_mm = np.linalg.norm(np.cross(rays.direction, rays.origin_mm - point), axis=1)
     return Viewpoint(view_px, (x, y, z), float(np.sqrt(np.nanmean(off_mm**2))))

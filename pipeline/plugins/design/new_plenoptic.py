@@ -1,4 +1,4 @@
-"""A new plenoptic rig, designed from what is known of it and judged by real rays."""
+"""A new plenoptic rig, designed from its requirements and judged by real rays."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from pipeline.scene.usd.values import UnreadableValue
 
 @dataclass(frozen=True)
 class NewPlenoptic:
-    """A written rig, what was designed, and what real rays say of it."""
+    """A written rig, its design, and its judgement by real rays."""
 
     loaded: Loaded
     design: PlenopticDesign
@@ -26,9 +26,9 @@ class NewPlenoptic:
 
 
 def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWish) -> NewPlenoptic:
-    """Design a rig, write it, and judge what was written.
+    """Design a rig, write it, and judge the written file.
 
-    `lens` and `sensor` as in `RigWish`. UsageError if no camera meets the demands; else errors as of `new_rig`.
+    `lens` and `sensor` as in `RigWish`. UsageError if no camera meets the demands; further errors as for `new_rig`.
     """
     require_free(out)
     try:

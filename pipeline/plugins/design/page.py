@@ -10,8 +10,9 @@ from pipeline.plugins.design.judgement import Judgement
 
 
 def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> Json:
-    """Plain values of what was designed, promised and seen."""
-    array, camera = design.camera.microlenses, design.camera
+    """Plain values of the design, its promises and its judgement."""
+    array = design.camera.microlenses
+    camera = design.camera
     assert array is not None
     parts = {
         "sensor_distance_mm": camera.sensor_distance_mm,
@@ -33,7 +34,8 @@ def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -
 
 def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> list[str]:
     """Lines of the page; distances count from the aperture stop, + towards the scene."""
-    array, camera = design.camera.microlenses, design.camera
+    array = design.camera.microlenses
+    camera = design.camera
     assert array is not None
     focal = ", ".join(f"{length:.5g}" for length in array.focal_lengths_mm)
     lines = [
@@ -58,7 +60,7 @@ def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) ->
 
 def _ranges(design: PlenopticDesign, judgement: Judgement) -> list[str]:
     ranges = enumerate(zip(judgement.depth_of_field_mm, design.depth_of_field_mm, strict=True))
-    rows = [(str(kind), *map(_mm, (*seen, *meant))) for kind, (seen, meant) in ranges]
+    rows = [(str(kind), *map(_mm, (*judged, *promised))) for kind, (judged, promised) in ranges]
     head = f"depth of field of each type: blur of at most {design.camera.circle_of_confusion_px:g} px on the axis"
     return [head, *table(("type", "sharp from", "to", "by formula", "to"), rows)]
 
@@ -87,8 +89,8 @@ def _views(judgement: Judgement) -> list[str]:
         (_mm(row.z_mm), f"{row.shift:+.4f}", _mm(row.formula_mm), _short(row.lateral_mm), _short(row.depth_mm))
         for row in judgement.views
     ]
-    places = [
-        (f"{point.view_px:.4g}", *(f"{place:+.3f}" for place in point.place_mm), f"{point.rms_mm:.4f}")
+    positions = [
+        (f"{point.view_px:.4g}", *(f"{coordinate:+.3f}" for coordinate in point.place_mm), f"{point.rms_mm:.4f}")
         for point in judgement.viewpoints
     ]
     return [
@@ -96,7 +98,7 @@ def _views(judgement: Judgement) -> list[str]:
         *table(("z", "shift", "by formula", "lateral mm", "depth mm"), rows),
         "",
         f"viewpoints of views; the entrance pupil is at {judgement.entrance_pupil_mm:+.3f} mm",
-        *table(("view px", "x", "y", "z", "rms"), places),
+        *table(("view px", "x", "y", "z", "rms"), positions),
     ]
 
 

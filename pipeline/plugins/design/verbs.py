@@ -8,7 +8,7 @@ from pipeline.app.verbs.authoring import FocalLength, LensOfRig, NewFile, Sensor
 from pipeline.app.verbs.terminal import WRITE, Json, Verb, new_family, note, say, say_json, valued
 
 verbs = new_family()
-designs = new_family(help="Compute cameras from what they shall do, and judge them by real rays.")
+designs = new_family(help="Design cameras from their requirements, and judge them by real rays.")
 verbs.add_typer(designs, name="design", rich_help_panel=WRITE)
 
 
@@ -61,9 +61,9 @@ def plenoptic(
     )
     rig = new_plenoptic(out, lens_of_rig(lens, focal_length), sensor, wish)
     note(*rig.loaded.problems)
-    known = rig.design, rig.judgement, rig.loaded.cameras[0].wavelength_nm
+    design = rig.design, rig.judgement, rig.loaded.cameras[0].wavelength_nm
     if as_json:
-        say_json(plain(*known))
+        say_json(plain(*design))
     else:
-        say(*page(*known))
+        say(*page(*design))
     note(f"wrote {out}")

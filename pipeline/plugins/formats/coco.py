@@ -1,4 +1,4 @@
-"""COCO: points of targets as keypoints with boxes, for detectors that learn."""
+"""COCO: points of targets as keypoints with boxes, for learned detectors."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,7 +27,8 @@ def write(material: Material, folder: Path) -> None:
     """Write one file: an image per camera and frame, a category per target."""
     sizes = {camera.name: camera.size_px for camera in material.cameras}
     images = {view.image: view.camera for view in material.views}
-    names, places = [target.name for target in material.targets], list(images)
+    names = [target.name for target in material.targets]
+    places = list(images)
     content: Json = {"info": {"description": "\n".join(material.remarks)}, "licenses": []}
     content["images"] = [
         {"id": number, "file_name": image, "width": sizes[camera][0], "height": sizes[camera][1]}
@@ -66,7 +67,8 @@ def _boxes(material: Material, camera: ExportCamera, folder: Path) -> Iterator[J
 
 def _annotation(view: ExportView, points: int) -> Json:
     """Keypoints of a target, three numbers each."""
-    rows, places = view.observations, view.observations.positions
+    rows = view.observations
+    places = view.observations.positions
     visibility = view.built.correspondences.visibility[rows.rows]
     keypoints = np.zeros((points, 3))
     keypoints[rows.ids] = np.column_stack([places, np.where(visibility >= _VISIBLE, 2, 1)])

@@ -68,7 +68,7 @@ def _image_lines(images: list[_Image]) -> Iterator[str]:
 
 
 def _point_lines(material: Material, images: list[_Image]) -> Iterator[str]:
-    """Points with their mean residuals [px], -1, as COLMAP has it, where nothing sees them."""
+    """Points with their mean residuals [px]; -1, as in COLMAP, for points without observations."""
     yield "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as IMAGE_ID, POINT2D_IDX"
     points = material.only_target.points
     tracks: list[list[int]] = [[] for _ in points]
@@ -80,5 +80,5 @@ def _point_lines(material: Material, images: list[_Image]) -> Iterator[str]:
             tracks[point] += [image.number, row]
     count = np.array([len(track) // 2 for track in tracks])
     errors = np.where(count > 0, total / np.maximum(count, 1), -1)
-    for number, (place, error, track) in enumerate(zip(points.tolist(), errors.tolist(), tracks, strict=True), 1):
-        yield " ".join([str(number), *map(repr, place), *map(str, _COLOUR), repr(error), *map(str, track)])
+    for number, (point, error, track) in enumerate(zip(points.tolist(), errors.tolist(), tracks, strict=True), 1):
+        yield " ".join([str(number), *map(repr, point), *map(str, _COLOUR), repr(error), *map(str, track)])

@@ -1,4 +1,4 @@
-"""HDF5: the tables of the formats npz and parquet, a group each with a dataset per column, and camera.json, in one file
+"""HDF5: the tables of the formats npz and parquet, a group each with a dataset per column, and camera.json, one file
 per camera.
 """
 

@@ -1,7 +1,7 @@
-"""Kalibr: the target, the chain of cameras, and the corners with Kalibr's numbers of points.
+"""Kalibr: the target, the camera chain, and the corners in Kalibr's numbering of points.
 
-Kalibr finds corners in images itself, so corners.csv is for those who compare. Its YAML reader refuses integers where
-it wants reals.
+Kalibr detects corners in images itself, so corners.csv is for comparison. Its YAML reader refuses integers where it
+expects reals.
 """
 
 from collections.abc import Iterator
@@ -33,13 +33,13 @@ FORMAT = Format(
 )
 
 _MODELS = {"eucm": "eucm", "double-sphere": "ds"}
-"""Model of ours -> camera_model, whose intrinsics begin with the coefficients, in our order."""
+"""Model name here -> camera_model, whose intrinsics begin with the coefficients, in the same order."""
 _SLOPES = np.linspace(0.0, 8.0, 4001)[1:]
-"""Slopes at which radii of two pinholes are compared, over the slope of a corner without distortion [1]; those in the
-image count.
+"""Slopes at which radii of two pinholes are compared, over the slope of a corner without distortion [1]; those inside
+the image count.
 """
 _LEAST = 3
-"""Rows and columns that Kalibr asks of a checkerboard at least."""
+"""Fewest rows and columns of a checkerboard that Kalibr accepts."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -77,9 +77,9 @@ def _aprilgrid(target: ExportTarget) -> Iterator[str]:
 
 def _chain(material: Material) -> Iterator[str]:
     for number, camera in enumerate(material.cameras):
-        others = [str(other) for other in range(len(material.cameras)) if other != number]
+        overlapping = [str(other) for other in range(len(material.cameras)) if other != number]
         yield f"cam{number}:"
-        yield f"  cam_overlaps: [{', '.join(others)}]"
+        yield f"  cam_overlaps: [{', '.join(overlapping)}]"
         yield from (f"  {line}" for line in _camera(camera))
         if number and camera.pose:
             yield "  T_cn_cnm1:"
@@ -90,7 +90,8 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
     if model := camera.central:
         yield f"camera_model: {_MODELS[model.name]}"
         yield f"# no pinhole fits; residual of the rays of the image: {model.rms_px:.3g} px rms"
-        bent, distortion = "none", list[float]()
+        bent = "none"
+        distortion = list[float]()
         intrinsics = [*model.coefficients.tolist(), *model.focal_px.tolist(), *model.principal_point_px.tolist()]
     else:
         f, _, cx, cy, k1, k2, p1, p2, k3 = camera.opencv
@@ -98,7 +99,9 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
         if k3:
             f, k1, k2, apart_px = _without_k3(camera)
             yield f"# radtan has no k3: f, k1 and k2 are nearest to the pinhole, {apart_px:.2g} px from it at most"
-        bent, distortion, intrinsics = "radtan", [k1, k2, p1, p2], [f, f, cx, cy]
+        bent = "radtan"
+        distortion = [k1, k2, p1, p2]
+        intrinsics = [f, f, cx, cy]
     yield f"distortion_model: {bent}"
     yield f"distortion_coeffs: [{', '.join(map(yaml_real, distortion))}]"
     yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
@@ -109,8 +112,8 @@ def _camera(camera: ExportCamera) -> Iterator[str]:
 
 
 def _without_k3(camera: ExportCamera) -> tuple[float, float, float, float]:
-    """f, k1, k2 whose radii in the image are nearest to those of the pinhole, whose k3 is none, and the largest
-    difference [px]: radii are linear in f, f k1 and f k2, and count by area.
+    """f, k1, k2 whose image radii are nearest to those of the pinhole with k3, and the largest difference [px]: a
+    linear least-squares fit in f, f k1 and f k2, weighted by area.
     """
     f, _, cx, cy, k1, k2, _, _, k3 = camera.opencv
     width, height = camera.size_px
@@ -119,17 +122,18 @@ def _without_k3(camera: ExportCamera) -> tuple[float, float, float, float]:
     radii_px = f * np.polyval([k3, 0, k2, 0, k1, 0, 1, 0], slopes)
     in_image = np.logical_and.accumulate((radii_px <= farthest_px) & (np.gradient(radii_px) > 0))
     slopes, radii_px = slopes[in_image], radii_px[in_image]
-    powers, share = slopes[:, None] ** [1, 3, 5], np.sqrt(radii_px)
+    powers = slopes[:, None] ** [1, 3, 5]
+    share = np.sqrt(radii_px)
     near = np.linalg.lstsq(powers * share[:, None], radii_px * share, rcond=None)[0]
     apart_px = np.abs(powers @ near - radii_px).max()
     return float(near[0]), float(near[1] / near[0]), float(near[2] / near[0]), float(apart_px)
 
 
 def _shutter(camera: ExportCamera, shutter: Shutter) -> Iterator[str]:
-    """The delay from row to row of the image, downwards: Kalibr adds it, times y, to the stamp of the image [s]."""
+    """Delay from row to row of the image, downwards: Kalibr adds y times this to the time stamp of the image [s]."""
     if shutter.axis == 0:
         raise ExportError(
-            f"{camera.name} scans {shutter.scan_order}, and Kalibr knows lines that are rows",
+            f"{camera.name} scans {shutter.scan_order}, and Kalibr supports only lines that are rows",
             hint="choose other cameras with --only",
         )
     (stamp_s,) = shutter.middle_s(np.zeros((1, 2)), camera.size_px).tolist()
@@ -142,9 +146,9 @@ def _write_corners(material: Material, path: Path) -> None:
     names = [camera.name for camera in material.cameras]
     points = material.only_target.points
     rows = [
-        (view.frame, names.index(view.camera), point, *place, *points[point].tolist())
+        (view.frame, names.index(view.camera), point, *position, *points[point].tolist())
         for view in material.views
-        for point, place in zip(view.observations.ids.tolist(), view.observations.positions.tolist(), strict=True)
+        for point, position in zip(view.observations.ids.tolist(), view.observations.positions.tolist(), strict=True)
     ]
     head = ("frame", "camera", "point", "x_px", "y_px", "target_x_m", "target_y_m", "target_z_m")
     write_table(path, material.remarks, {name: [row[column] for row in rows] for column, name in enumerate(head)})

@@ -17,13 +17,17 @@ FORMAT = Format(
 )
 
 _COEFFICIENTS = 14
-"""Coefficients of OpenCV's longest model, in its order: those that we have come first."""
+"""Coefficients of OpenCV's longest model, in its order: ours come first."""
 
 
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
-        (width, height), f, known = camera.size_px, camera.model.principal_distance_px, camera.model.distortion.tolist()
+        (width, height), f, coefficients = (
+            camera.size_px,
+            camera.model.principal_distance_px,
+            camera.model.distortion.tolist(),
+        )
         cx, cy = camera.model.principal_point_px.tolist()
         record = {
             "type": "opencv",
@@ -34,6 +38,6 @@ def write(material: Material, folder: Path) -> None:
             "fy": f,
             "cx": cx,
             "cy": cy,
-            "distortion_coeffs": [*known, *([0.0] * (_COEFFICIENTS - len(known)))],
+            "distortion_coeffs": [*coefficients, *([0.0] * (_COEFFICIENTS - len(coefficients)))],
         }
         write_json(folder / f"{camera.name}.json", record)

@@ -1,6 +1,6 @@
-"""MATLAB: `cameraParameters` of each camera as the struct of its `toStruct`, and what `estimateCameraParameters` takes.
+"""MATLAB: `cameraParameters` of each camera, as `toStruct` writes it, and inputs of `estimateCameraParameters`.
 
-Points that were not seen are NaN, as MATLAB's own detectors leave them.
+Points without an observation are NaN, as MATLAB's own detectors leave them.
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ FORMAT = Format(
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     if not material.only_target.is_flat:
-        raise ExportError(f"cameraParameters knows flat targets, and {material.only_target.name} is bent")
+        raise ExportError(f"cameraParameters supports only flat targets, and {material.only_target.name} is bent")
     for camera in material.cameras:
         views = [view for view in material.of(camera) if len(view.observations.ids)]
         values = _calibration(material, camera, views)
@@ -41,9 +41,12 @@ def write(material: Material, folder: Path) -> None:
 
 def _calibration(material: Material, camera: ExportCamera, views: list[ExportView]) -> dict[str, Any]:
     """Variables of a camera: points (n, 2), their positions (n, 2, views), and the struct."""
-    points, model, size = material.only_target.points, camera.model, np.array([camera.size_px[::-1]], float)
+    points = material.only_target.points
+    model = camera.model
+    size = np.array([camera.size_px[::-1]], float)
     places = np.full((len(points), 2, len(views)), np.nan)
-    errors, poses = places.copy(), [view.pose.numbers for view in views if view.pose]
+    errors = places.copy()
+    poses = [view.pose.numbers for view in views if view.pose]
     for number, view in enumerate(views):
         assert view.camera_from_target is not None
         ids = view.observations.ids

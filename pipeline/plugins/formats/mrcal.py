@@ -44,14 +44,18 @@ def write(material: Material, folder: Path) -> None:
 
 
 def _corners(view: ExportView, board: Grid) -> Iterator[str]:
-    """All rows of an image, x fastest; a point that was not seen keeps its row."""
+    """All rows of an image, x fastest; a point without an observation keeps its row."""
     observations = view.observations
     if not len(observations.ids):
         yield f"{view.image} - - -"
         return
-    seen = dict(zip(observations.ids.tolist(), observations.positions.tolist(), strict=True))
+    position_of = dict(zip(observations.ids.tolist(), observations.positions.tolist(), strict=True))
     for number in range(board.columns * board.rows):
-        cells = [repr(place) for place in seen[number]] + [str(_LEVEL)] if number in seen else ["-"] * 3
+        cells = (
+            [repr(coordinate) for coordinate in position_of[number]] + [str(_LEVEL)]
+            if number in position_of
+            else ["-"] * 3
+        )
         yield " ".join([view.image, *cells])
 
 

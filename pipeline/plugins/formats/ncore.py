@@ -1,4 +1,4 @@
-"""NCore of NVIDIA: the camera model of each camera as its stores of sequences have it, type and parameters, as JSON.
+"""NCore of NVIDIA: the model of each camera as JSON, with the type and parameters of its sequence stores.
 
 NCore keeps poses and images in stores of its own, which its data converters write.
 """
@@ -24,7 +24,7 @@ FORMAT = Format(
 )
 
 _BEYOND = 1.01
-"""Largest angle that it projects, over that of the rays of the image [1]: the rays of its corners are to pass."""
+"""Largest projected angle over that of the rays of the image [1]: the rays of its corners have to pass."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -56,7 +56,7 @@ def _common(camera: ExportCamera) -> Json:
 
 
 def _windshield(model: CentralModel) -> tuple[Json | None, list[str]]:
-    """The windows before a camera, and what is said of them."""
+    """The windows before a camera, and remarks about them."""
     if (windshield := model.windshield) is None:
         return None, []
     near_mm, far_mm = windshield.planes_mm
@@ -69,7 +69,7 @@ def _windshield(model: CentralModel) -> tuple[Json | None, list[str]]:
 
 
 def _own(model: CentralModel) -> tuple[str, Json]:
-    """The type of a model, and the parameters that others do not have."""
+    """The type of a model, and the parameters that are its own."""
     if model.name == "fisheye":
         assert model.widest_deg is not None
         return "opencv-fisheye", {

@@ -1,6 +1,6 @@
-"""nerfstudio: transforms.json of all images. The target is the world, so that it may move before a camera that stands.
+"""nerfstudio: transforms.json of all images. The target is the world, so that it may move before a stationary camera.
 
-Paths of images are those below the output folder of the build, into which the file is to be copied. nerfstudio knows no
+Paths of images are those below the output folder of the build, into which the file is to be copied. nerfstudio has no
 shutter: further keys of frames are for gsplat, which takes arrays.
 """
 
@@ -42,7 +42,7 @@ FORMAT = Format(
 )
 
 _MODELS = {"brown": "OPENCV", "fisheye": "OPENCV_FISHEYE"}
-"""Model of ours -> camera_model."""
+"""Model name here -> camera_model."""
 
 
 def write(material: Material, folder: Path) -> None:

@@ -67,7 +67,7 @@ def one_camera(material: Material, camera: ExportCamera) -> dict[str, Any]:
 
 
 def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dict[str, Any]:
-    """Arrays for `stereoCalibrate`: points that both cameras see, and the R, T that it should find."""
+    """Arrays for `stereoCalibrate`: points that both cameras see, and the true R and T."""
     left, right, points, frames, counts = [], [], [], [], []
     for a, b in material.together(first, second):
         ids, in_a, in_b = np.intersect1d(a.observations.ids, b.observations.ids, return_indices=True)

@@ -1,6 +1,6 @@
 """OpenCV 5: the arguments of `calibrateMultiview`.
 
-Lengths are metres: OpenCV divides points by the square of their extent, and finds boards of 100 mm collinear.
+Lengths are metres: OpenCV divides points by the square of their extent, and takes boards of 100 mm for collinear.
 """
 
 from pathlib import Path
@@ -27,17 +27,17 @@ FORMAT = Format(
 )
 
 _MISSED = -1
-"""Coordinate of a point that was not seen, in arrays that have room for all points; a mask leaves its view out."""
+"""Coordinate of a point without an observation, in arrays that have room for all points; a mask leaves its view out."""
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the arguments by their names, and the Ks, distortions, Rs and Ts that it should find."""
+    """Write the arguments by their names, and the true Ks, distortions, Rs and Ts."""
     target, cameras = material.only_target, material.cameras
     if len(cameras) == 1:
         raise ExportError("opencv-multiview relates cameras to each other, and there is one", hint="opencv takes it")
     frames = sorted({view.frame for view in material.views})
-    seen = np.full((len(cameras), len(frames), len(target.points), 2), _MISSED, np.float32)
-    for row, camera in zip(seen, cameras, strict=True):
+    positions = np.full((len(cameras), len(frames), len(target.points), 2), _MISSED, np.float32)
+    for row, camera in zip(positions, cameras, strict=True):
         for view in material.of(camera):
             row[frames.index(view.frame)][view.observations.ids] = view.observations.positions
     poses = [camera.pose for camera in cameras if camera.pose]
@@ -45,9 +45,9 @@ def write(material: Material, folder: Path) -> None:
     most = max(map(len, distortions))  # of one whose sensor is tilted 14, of others 5
     arguments = {
         "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),
-        "imagePoints": seen,
+        "imagePoints": positions,
         "imageSize": np.array([camera.size_px for camera in cameras]),
-        "detectionMask": (seen[..., 0] != _MISSED).all(axis=2).astype(np.uint8),
+        "detectionMask": (positions[..., 0] != _MISSED).all(axis=2).astype(np.uint8),
         "models": np.zeros((len(cameras), 1), np.uint8),  # CALIB_MODEL_PINHOLE
         "cameras": np.array([camera.name for camera in cameras], dtype=str),
         "frames": np.array(frames, dtype=np.int64),

@@ -1,5 +1,4 @@
-"""ROS: sensor_msgs/CameraInfo of each camera as YAML, as camera_calibration_parsers reads it and camera_info_manager
-takes it.
+"""ROS: sensor_msgs/CameraInfo of each camera as YAML for camera_calibration_parsers and camera_info_manager.
 
 The projection matrix is the camera matrix: rectified images keep its scale, and no camera is the second of a pair.
 """
@@ -25,7 +24,7 @@ FORMAT = Format(
 )
 
 _MODELS = {"brown": "plumb_bob", "fisheye": "equidistant", "rational": "rational_polynomial"}
-"""Model of ours -> name in sensor_msgs, whose coefficients have the same order."""
+"""Model name here -> name in sensor_msgs, whose coefficients have the same order."""
 
 
 def write(material: Material, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""vision-calibration (calibration-rs): a planar dataset per camera, as `PlanarDataset.to_payload` has it, as JSON."""
+"""vision-calibration (calibration-rs): a planar dataset per camera as JSON, as `PlanarDataset.to_payload` writes it."""
 
 from pathlib import Path
 
@@ -18,18 +18,19 @@ FORMAT = Format(
 )
 
 _LEAST = 4
-"""Points of a view: a homography needs as many."""
+"""Fewest points of a view: a homography needs four."""
 
 
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for target in material.targets:
         if not target.is_flat:
-            raise ExportError(f"vision-calibration knows flat targets, and {target.name} is bent")
+            raise ExportError(f"vision-calibration supports only flat targets, and {target.name} is bent")
     for camera in material.cameras:
         views = []
         for view in material.of(camera):
-            points, observed = material.target(view.target).points[view.observations.ids], view.observations.positions
+            points = material.target(view.target).points[view.observations.ids]
+            observed = view.observations.positions
             if len(points) >= _LEAST:
                 views.append({"obs": {"points_3d": points.tolist(), "points_2d": observed.tolist()}, "meta": None})
         write_json(folder / f"{camera.name}.json", {"about": list(material.remarks), "views": views})

@@ -1,6 +1,6 @@
 """Catalogues of glass makers in the AGF format of Zemax: NM begins a glass, CD has coefficients, LD wavelengths.
 
-A formula becomes the text by which a stage has it, so that a stage needs no catalogue.
+Each formula becomes a `plen:glass` text, so that a stage needs no catalogue.
 """
 
 from collections.abc import Callable
@@ -19,15 +19,15 @@ _EXPONENTS = {
     12: (2, -2, -4, -6, -8, 4, 6),
     13: (2, 4, -2, -4, -6, -8, -10, -12),
 }
-"""Powers of the wavelength behind the constant of n^2, by the number of the formula."""
+"""Powers of the wavelength after the constant of n^2, by the number of the formula."""
 _SELLMEIER = {2: 6, 6: 8, 11: 10}
 """Numbers of coefficients of Sellmeier's formulas: pairs of strength and squared resonance."""
 _OTHERS = {3: "Herzberger", 4: "Sellmeier 2", 5: "Conrady", 7: "Handbook of Optics 1", 8: "Handbook of Optics 2"}
 
 
 def read_agf(path: str | Path, raw: bytes | None = None) -> dict[str, Callable[[], Named]]:
-    """Glasses of a catalogue, or of its bytes where it is no file of its own, by their names in small letters; each
-    raises UnreadableLens if we lack its formula.
+    """Glasses of a catalogue, or of its bytes if it is not a file of its own, by their lower-case names; each raises
+    UnreadableLens if its formula is not supported.
     """
     found, rows = dict[str, dict[str, list[str]]](), dict[str, list[str]]()
     for line, text in enumerate(read_lines(path, raw), 1):
@@ -61,10 +61,11 @@ def _glass(path: str | Path, rows: dict[str, list[str]]) -> Named:
 
 
 def _text(kind: int, c: list[float]) -> str:
-    """A dispersion formula as `plen:glass` has it; empty if we have none such."""
+    """A dispersion formula as `plen:glass` text; empty if there is no equivalent."""
     if kind in _EXPONENTS:
         terms = [value for pair in zip(c[1:], _EXPONENTS[kind], strict=False) if pair[0] for value in pair]
         return f"polynomial({', '.join(map(repr, [*c[:1], *terms]))})"
     if kind == 9 and len(c) >= 5:
-        c, kind = [c[0] - 1, 0.0, *c[1:5]], 2
+        c = [c[0] - 1, 0.0, *c[1:5]]
+        kind = 2
     return f"sellmeier({', '.join(map(repr, c[: _SELLMEIER[kind]]))})" if kind in _SELLMEIER else ""

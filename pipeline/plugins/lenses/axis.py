@@ -1,7 +1,7 @@
 """Surfaces of a file about one axis, in an order in which light can meet them.
 
-Programs of lens design place each surface behind the one before, in a frame that may be decentred and tilted, and have
-surfaces that bend nothing wherever somebody wants to see the light.
+Lens-design programs place each surface behind the one before, in a frame that may be decentred and tilted, and insert
+dummy surfaces without power to inspect the light.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ from pipeline.plugins.lenses.text import UnreadableLens
 _TOUCH_MM = 1e-9
 """Overlap of surfaces that counts as touching [mm], as in `pipeline check`."""
 _POINT_MM = 1e-9
-"""Semi-diameter of a surface whose own is not stated."""
+"""Semi-diameter of a surface that states none."""
 _DIGITS = 10
-"""Decimals of millimetres and degrees behind which a chain of turns leaves rounding."""
+"""Decimals of millimetres and degrees beyond which a chain of rotations leaves rounding errors."""
 
 
 def is_possible(surfaces: Sequence[PrintedSurface]) -> bool:
@@ -84,14 +84,16 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
 
 
 def in_order(lens: PrintedLens, is_sized: bool) -> PrintedLens:
-    """The lens without surfaces that bend nothing, if they stand behind or across their neighbours or have no width.
+    """The lens without the dummy surfaces that stand behind or across their neighbours or have no width.
 
     `is_sized`: whether the file has a beam from which semi-diameters are computed.
     """
-    found, lost = list(lens.surfaces), list[Lost]()
+    found = list(lens.surfaces)
+    lost = list[Lost]()
 
     def is_idle(i: int) -> bool:
-        surface, near = found[i], found[max(i - 1, 0) : i + 2]
+        surface = found[i]
+        near = found[max(i - 1, 0) : i + 2]
         bends = surface.index != (found[i - 1].index if i else 1.0) or surface.focal_length_mm is not None
         is_lost = surface.semi_diameter_mm is None and not is_sized
         goes_back = any(one.thickness_mm < 0 for one in near[:-1]) or not is_possible(near)

@@ -4,8 +4,8 @@ A lens table has rows `radius;thickness;material;index;v-no;sa` in mm. An empty 
 is air. The stop is the second of the first two consecutive rows whose material is exactly `air`.
 
 A camera has rows `key;value` and names its lens table. Lengths are millimetres but the pitch of the microlenses, which
-is micrometres. The distance of the sensor counts from the stop. The add-on's types are (i - j) mod 3 as ours, but 0, 1,
-2 have its first, third and second focal length.
+is micrometres. The distance of the sensor counts from the stop. The add-on's types are (i - j) mod 3 as ours, but its
+first, third and second focal length belong to our 0, 1, 2.
 """
 
 import math
@@ -31,7 +31,7 @@ prop_three_ml_types prop_ml_type_1_f prop_ml_type_2_f prop_ml_type_3_f
 
 
 def is_blender(lines: list[str]) -> bool:
-    """Whether a file begins like a file of the add-on: a lens table or a camera."""
+    """Whether a file begins like one of the add-on: a lens table or a camera."""
     header = [cell.strip().lower() for cell in lines[0].split(";")] if lines else []
     return tuple(header[: len(_COLUMNS)]) == _COLUMNS or any(line.startswith(("prop_", "objective_")) for line in lines)
 
@@ -108,7 +108,7 @@ class _Keys:
         return self.rows[key][1]
 
     def refusal(self, key: str, reason: str) -> UnreadableLens:
-        """The error of a value that cannot be."""
+        """The error of an impossible value."""
         return UnreadableLens(self.path, reason, line=self.rows[key][0])
 
     def number(self, key: str) -> float:
@@ -118,7 +118,7 @@ class _Keys:
 
 
 def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCamera:
-    """A camera of the add-on; the lens table is by default the one that it names, beside it or in `Lenses` there."""
+    """A camera of the add-on; by default it names the lens table, beside it or in `Lenses` there."""
     keys = _Keys(path)
     printed = _stopped(keys, read_blender(lens or _lens_path(keys)))
     try:
@@ -156,7 +156,8 @@ def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
     scale = keys.number("prop_objective_scale") if "prop_objective_scale" in keys.rows else 1.0
     if not scale > 0:
         raise keys.refusal("prop_objective_scale", f"scales its lens by {scale:g}")
-    size_mm, blades = keys.number("prop_aperture_size"), int(keys.number("prop_aperture_blades"))
+    size_mm = keys.number("prop_aperture_size")
+    blades = int(keys.number("prop_aperture_blades"))
     turn_deg = keys.number("prop_aperture_angle") if "prop_aperture_angle" in keys.rows else 0.0
     surfaces = []
     for surface in lens.surfaces:
@@ -164,7 +165,8 @@ def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
         radius_mm, thickness_mm = scale * surface.radius_mm, scale * surface.thickness_mm
         scaled = replace(surface, radius_mm=radius_mm, thickness_mm=thickness_mm, semi_diameter_mm=edge_mm)
         if surface.is_stop:
-            edge_mm, sides = min(size_mm / 2, edge_mm or math.inf), blades if blades > 2 else 0
+            edge_mm = min(size_mm / 2, edge_mm or math.inf)
+            sides = blades if blades > 2 else 0
             scaled = replace(scaled, semi_diameter_mm=edge_mm, blades=sides, aperture_rotation_deg=turn_deg)
         surfaces.append(scaled)
     back_mm = lens.nominal_bfd_mm

@@ -1,7 +1,7 @@
 """CODE V sequences (`.seq`): one lens of spheres, conics and even aspheres, object side first.
 
-A sequence is a program. Each command is obeyed, or known to leave the lens as it is, or refused with its line. It may
-address a surface (THI S2), a field (VUY F2) or a zoom position (THI S2 Z3), of which the first one is read.
+A sequence is a program. Each command is obeyed, ignored because it leaves the lens unchanged, or refused with its line.
+It may address a surface (THI S2), a field (VUY F2) or a zoom position (THI S2 Z3), of which the first one is read.
 """
 
 import math
@@ -79,7 +79,7 @@ class _Sequence:
         self.wavelengths: list[float] = []
         self.reference = [1.0]
         self.beam = Beam()
-        self.lists = {"WL": self.wavelengths, "YAN": self.beam.fields, "XAN": self.beam.others}
+        self.lists = {"WL": self.wavelengths, "YAN": self.beam.fields, "XAN": self.beam.along_x}
         self.lists |= {"VUY": self.beam.upper, "VLY": self.beam.lower, "REF": self.reference}
         self.rows = [_Row(thickness=math.inf)]  # the object first
         self.image = self.current = _Row()
@@ -131,7 +131,8 @@ class _Sequence:
         if name in ("EPD", "FNO"):
             value = number(self.path, line, " ".join(values), name)
             self.beam.pupil, self.beam.f_number = (value, None) if name == "EPD" else (None, value)
-            self.beam.stated, self.beam.line = f"{name} {value:g}", line
+            self.beam.stated = f"{name} {value:g}"
+            self.beam.line = line
         elif name in self.lists:
             one = re.fullmatch(r"[FfWw]([1-9]\d?)", values[0]) if values else None  # of one field or wavelength
             start, end = (int(one[1]) - 1, int(one[1])) if one else (0, None)
@@ -146,12 +147,12 @@ class _Sequence:
             raise UnreadableLens(self.path, f"{name} may change the lens, and is not read", line=line, hint=hint)
 
     def _zoom(self, line: int, values: list[str]) -> None:
-        """`ZOO 4`, or a command with a value for each position, of which that of the first one is obeyed."""
-        place = 2 if values[1:] and re.fullmatch(r"[SFW](\d+|O|I)", values[1].upper()) else 1
+        """`ZOO 4`, or a command with a value for each position, the first of which is used."""
+        first = 2 if values[1:] and re.fullmatch(r"[SFW](\d+|O|I)", values[1].upper()) else 1
         if values[:1] and values[0].isdigit():
             self.positions = int(values[0][:4])
-        elif values[place:]:
-            self.obey(line, values[: place + 1])
+        elif values[first:]:
+            self.obey(line, values[: first + 1])
 
     def _surface(self, line: int, name: str, values: list[str]) -> None:
         if name[1:] not in ("", "O", "I", "0", f"{len(self.rows)}"):
@@ -173,7 +174,8 @@ class _Sequence:
             for other in self.rows:
                 other.is_stop = other is row
         elif name == "GLA":
-            row.glass, row.line = " ".join(rest), line
+            row.glass = " ".join(rest)
+            row.line = line
         elif name in _MODES:
             row.mode = name
         elif name in _EDGES:
@@ -189,7 +191,8 @@ class _Sequence:
         elif name in _COEFFICIENTS:
             row.coefficients[_COEFFICIENTS[name]] = value
         elif name in ("RDY", "CUY"):
-            row.shape, row.is_radius = value, name == "RDY"
+            row.shape = value
+            row.is_radius = name == "RDY"
         else:
             row.displaced[name] = value
 
@@ -214,12 +217,14 @@ class _Sequence:
 
     def _addressed(self, line: int, name: str, values: list[str]) -> tuple[_Row, list[str]]:
         """The surface that a command refers to, named as S3, SO, SI or else the current one, and the other words."""
-        word, row, rest = (values[0].upper() if values else ""), self.current, values[1:]
-        place = int(word[1:]) if re.fullmatch(r"S\d{1,6}", word) else 0 if word == "SO" else len(self.rows)
+        word = values[0].upper() if values else ""
+        row = self.current
+        rest = values[1:]
+        surface = int(word[1:]) if re.fullmatch(r"S\d{1,6}", word) else 0 if word == "SO" else len(self.rows)
         if not re.match(r"S($|\d|A$|[OI])", word):
             rest = values
-        elif place < len(self.rows):
-            row = self.rows[place]
+        elif surface < len(self.rows):
+            row = self.rows[surface]
         elif word in ("SI", f"S{len(self.rows)}"):
             row = self.image
         else:
@@ -234,7 +239,9 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
     sequence = _Sequence(path, glasses)
     for line, words in _commands(read_lines(path)):
         sequence.obey(line, words)
-    first, image, beam = sequence.rows[0], sequence.image, sequence.beam
+    first = sequence.rows[0]
+    image = sequence.image
+    beam = sequence.beam
     if len(sequence.rows) == 1:
         raise UnreadableLens(path, "holds no surfaces")
     if first.glass.upper() not in ("", "AIR"):
@@ -255,17 +262,18 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
         sequence.lose(None, "no STO: surface 1 is the stop, CODE V's default")
     if sequence.unit_mm is None:
         sequence.lose(None, "no DIM: lengths are millimetres, CODE V's default")
-    rows, wavelengths = list(enumerate(sequence.rows[1:], 1)), dict(enumerate(sequence.wavelengths, 1))
-    media = [_medium(sequence, place, row) for place, row in rows]
+    rows = list(enumerate(sequence.rows[1:], 1))
+    wavelengths = dict(enumerate(sequence.wavelengths, 1))
+    media = [_medium(sequence, surface, row) for surface, row in rows]
     nm = glasses.wavelength_nm(media, wavelengths.get(int(sequence.reference[0])))
-    for (place, row), one in zip(rows, media, strict=True):
-        row.medium = glasses.printed(row.line, place, one, nm)
+    for (surface, row), named in zip(rows, media, strict=True):
+        row.medium = glasses.printed(row.line, surface, named, nm)
     sequence.lost += [*other_wavelengths(sequence.wavelengths, nm), *glasses.finish()]
     return replace(_decided(sequence), wavelength_nm=nm or D_LINE_NM)
 
 
 def _decided(sequence: _Sequence) -> PrintedLens:
-    """The lens; without RDM of curvatures, CODE V's default, or where these make surfaces that cross, of radii."""
+    """The lens with curvatures, CODE V's default without RDM, or with radii if curvatures make surfaces cross."""
     if all(row.is_radius is not None for row in sequence.rows[1:] if row.shape):
         return _lens(sequence, is_radius=True)
     for is_radius, said in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
@@ -277,8 +285,9 @@ def _decided(sequence: _Sequence) -> PrintedLens:
 
 
 def _lens(sequence: _Sequence, is_radius: bool) -> PrintedLens:
-    """The lens with all semi-diameters; `is_radius`: the meaning of numbers that the file leaves open."""
-    path, unit_mm = sequence.path, sequence.unit_mm or 1.0
+    """The lens with all semi-diameters; `is_radius` settles the meaning of numbers that the file leaves open."""
+    path = sequence.path
+    unit_mm = sequence.unit_mm or 1.0
     surfaces = tuple(_printed(sequence, i, row, is_radius) for i, row in enumerate(sequence.rows[1:], 1))
     lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
     if any(any(row.displaced.values()) for row in (*sequence.rows[1:], sequence.image)):
@@ -293,15 +302,16 @@ def _frames(sequence: _Sequence, unit_mm: float) -> list[np.ndarray]:
     A surface is decentred before it is turned about x, y and z; turns about x and y are left-handed. What follows goes
     on from there, with DAR from the old axis; with REV the turn back comes behind the surface, in reverse order.
     """
-    here, found = np.eye(4), []
+    pose = np.eye(4)
+    found = []
     for row in (*sequence.rows[1:], sequence.image):
         x, y, z, alpha, beta, gamma = (row.displaced.get(name, 0.0) for name in _DISPLACED)
         if row.mode == "BEN" and any(row.displaced.values()):
             raise UnreadableLens(sequence.path, "BEN: only mirrors bend the axis", line=row.line)
         there = frame(x * unit_mm, y * unit_mm, z * unit_mm, -alpha, -beta, gamma)
-        found.append(here if row.mode == "REV" else here @ there)
-        here = here @ inverse(there) if row.mode == "REV" else here if row.mode == "DAR" else here @ there
-        here = here @ frame(0.0, 0.0, row.thickness * unit_mm)
+        found.append(pose if row.mode == "REV" else pose @ there)
+        pose = pose @ inverse(there) if row.mode == "REV" else pose if row.mode == "DAR" else pose @ there
+        pose = pose @ frame(0.0, 0.0, row.thickness * unit_mm)
     return found
 
 
@@ -321,16 +331,16 @@ def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
         pending, start = "", 0
 
 
-def _printed(sequence: _Sequence, place: int, row: _Row, is_radius: bool) -> PrintedSurface:
+def _printed(sequence: _Sequence, surface: int, row: _Row, is_radius: bool) -> PrintedSurface:
     unit_mm = sequence.unit_mm or 1.0
     is_radius = is_radius if row.is_radius is None else row.is_radius
     curvature = 1 / row.shape if is_radius and row.shape else row.shape
     if row.thickness >= _FAR:
-        raise UnreadableLens(sequence.path, f"surface {place} is infinitely far from the next one", line=row.line)
+        raise UnreadableLens(sequence.path, f"surface {surface} is infinitely far from the next one", line=row.line)
     half_widths_mm = None
     if row.half_widths:
         if len(row.half_widths) != 2:
-            reason = f"surface {place} has {next(iter(row.half_widths))}, and a rectangle needs REX and REY"
+            reason = f"surface {surface} has {next(iter(row.half_widths))}, and a rectangle needs REX and REY"
             raise UnreadableLens(sequence.path, reason, line=row.line)
         half_widths_mm = row.half_widths["REX"] * unit_mm, row.half_widths["REY"] * unit_mm
     semi_diameter_mm = None if row.semi_diameter is None else row.semi_diameter * unit_mm
@@ -352,19 +362,19 @@ def _printed(sequence: _Sequence, place: int, row: _Row, is_radius: bool) -> Pri
     )
 
 
-def _medium(sequence: _Sequence, place: int, row: _Row) -> Named:
+def _medium(sequence: _Sequence, surface: int, row: _Row) -> Named:
     """The medium behind a surface: a private glass, or one of a name or code."""
     if row.glass.upper() in ("", "AIR"):
         return AIR
     if row.glass.upper() in ("REFL", "MIRROR"):
-        raise UnreadableLens(sequence.path, f"surface {place} is a mirror", line=row.line)
+        raise UnreadableLens(sequence.path, f"surface {surface} is a mirror", line=row.line)
     if row.glass.upper() in sequence.private:
-        return _private(sequence, place, row.glass.upper())
+        return _private(sequence, surface, row.glass.upper())
     name, _, vendor = row.glass.replace(" ", ":").partition("_")  # nd and Vd may be two numbers
-    return sequence.glasses.of(row.line, place, name, [vendor] if vendor else [])
+    return sequence.glasses.of(row.line, surface, name, [vendor] if vendor else [])
 
 
-def _private(sequence: _Sequence, place: int, glass: str) -> Named:
+def _private(sequence: _Sequence, surface: int, glass: str) -> Named:
     """A glass of the file's own: Laurent's equation of the squared index, or nd and Vd of a table."""
     line, wavelengths, words = sequence.private[glass]
     if words[:1] in (["LAU"], ["lau"]) and len(words) <= 7:  # powers 0, 2, -2, -4, -6, -8 of the wavelength
@@ -381,5 +391,5 @@ def _private(sequence: _Sequence, place: int, glass: str) -> Named:
     # The lines F and C, or between wavelengths that are listed.
     blue, red = np.interp((486.1**-2, 656.3**-2), *np.transpose(sorted((w**-2, n) for w, n in table.items())))
     vd = float((nd - 1) / (blue - red)) if blue > red and min(table) < 486.5 and max(table) > 656 else None
-    sequence.glasses.remark(line, place, f"private glass {glass} is n_d {nd:g}, V_d {vd and round(vd, 2)}")
-    return sequence.glasses.model(line, place, (nd, vd), "" if vd else f"constant({nd!r})")
+    sequence.glasses.remark(line, surface, f"private glass {glass} is n_d {nd:g}, V_d {vd and round(vd, 2)}")
+    return sequence.glasses.model(line, surface, (nd, vd), "" if vd else f"constant({nd!r})")

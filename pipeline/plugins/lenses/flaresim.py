@@ -1,9 +1,9 @@
-"""Lenses of FlareSim: rows `radius thickness ior abbe semi_ap coating` in mm from the scene to the sensor, radius 0 a
-plane and `stop` the aperture stop.
+"""Lenses of FlareSim: rows `radius thickness ior abbe semi_ap coating` in mm from the scene to the sensor; radius 0 is
+a plane and `stop` the aperture stop.
 
 The files in circulation were converted from the Optical Bench, which has consequences. The column named semi_ap holds
-whole diameters (`meaning_of` decides). Aspheric terms are not part of the format. And rows that the converter did not
-understand (a stop named 5AS, cover glasses, field stops) are missing, with the space behind them.
+full diameters (`meaning_of` decides). Aspheric terms are not part of the format. And rows that the converter did not
+understand (a stop named 5AS, cover glasses, field stops) are missing, together with the space behind them.
 """
 
 import math
@@ -24,7 +24,7 @@ _SAME_F_NUMBER = 1.4
 
 @dataclass(slots=True)
 class _File:
-    """The parts of a file: comments, what stands before the rows, and the rows with their lines."""
+    """The parts of a file: comments, the text before the rows, and the rows with their lines."""
 
     comments: list[str]
     settings: dict[str, tuple[int, str]]
@@ -38,7 +38,7 @@ class _File:
 
 
 def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens:
-    """A lens from a `.lens` file; `apertures`, the meaning of its semi_ap, is by default decided from the numbers."""
+    """A lens from a `.lens` file; the meaning of its semi_ap, `apertures`, is by default decided from the numbers."""
     file = _parsed(path)
     line, text = file.settings.get("focal_length", (0, ""))
     efl_mm = number(path, line, text, "focal_length") if text else None
@@ -54,13 +54,14 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
     _check_stop(path, file, lens)
     chosen, why = (apertures, "as told") if apertures else meaning_of(path, lens, file.f_number)
     lens = scaled(lens, chosen)
-    decided, last = Lost(statement=f"the column semi_ap was read as {chosen} ({why})"), file.rows[-1][0]
+    decided = Lost(statement=f"the column semi_ap was read as {chosen} ({why})")
+    last = file.rows[-1][0]
     stated = {"bfd_mm": lens.nominal_bfd_mm, "f_number": file.f_number}
     return replace(lens, lost=(decided, *remarks(lens, **stated, without_aspheres=True, line=last)))
 
 
 def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> tuple[str, str]:
-    """Meaning of the column semi_ap, whose numbers are semi-diameters of `lens`, and what decides it."""
+    """Meaning of the column semi_ap, whose numbers are semi-diameters of `lens`, and the rule that decides it."""
     by_shape = None if is_possible(lens.surfaces) else "diameter"
     by_stop = next((meaning for meaning in _FACTOR if _has_f_number(scaled(lens, meaning), f_number)), None)
     if by_shape and by_stop in (by_shape, None):
@@ -78,7 +79,7 @@ def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> t
 
 
 def scaled(lens: PrintedLens, meaning: str) -> PrintedLens:
-    """The lens with its semi-diameters taken as such, or halved if they are diameters."""
+    """The lens with its semi-diameters as they are, or halved if they are diameters."""
     factor = _FACTOR[meaning]
     surfaces = tuple(replace(s, semi_diameter_mm=(s.semi_diameter_mm or 0.0) * factor) for s in lens.surfaces)
     return replace(lens, surfaces=surfaces)

@@ -1,5 +1,5 @@
-"""Glasses of a lens file: looked up by name, or replaced as a user says. What is unknown is refused in one error, and
-what stands for another glass is a remark.
+"""Glasses of a lens file: looked up by name, or replaced as the user says. All unknown glasses are refused in one
+error, and each substitution is a remark.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -15,9 +15,9 @@ from pipeline.plugins.lenses.text import UnreadableLens
 
 
 class Glasses:
-    """Glasses of one file, as they are asked for.
+    """Glasses of one file, collected while it is read.
 
-    `catalogues`: AGF files of makers, whose names count before all others.
+    `catalogues`: AGF files of makers, whose names take precedence over all others.
     `replaced`: texts NAME=OTHER, OTHER being a name with its vendor, or of these files, or a code.
     Raises PipelineError: a file is no catalogue, or a text is none of these.
     """
@@ -58,7 +58,7 @@ class Glasses:
             raise UnreadableLens(self.path, f"surface {surface}: {error.message}", line=line, hint=error.hint) from None
 
     def remark(self, line: int, surface: int, statement: str) -> None:
-        """Say something of the glass of a surface, once for all surfaces that it is true of."""
+        """Note a remark on the glass of a surface, once for all surfaces that it applies to."""
         if statement:
             self._remarks.setdefault(statement, (line, []))[1].append(str(surface))
 
@@ -75,7 +75,7 @@ class Glasses:
             return self._refused(one.glass, line, surface, error).printed(nm)
 
     def finish(self) -> list[Lost]:
-        """Remarks on what was taken; UnreadableLens with all glasses that are not known."""
+        """Remarks on substitutions; UnreadableLens with all unknown glasses."""
         if self._unused:
             raise UnreadableLens(self.path, f"has no glass {', '.join(self._unused.values())}, which --glass replaces")
         if self._unknown:

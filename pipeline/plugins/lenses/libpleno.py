@@ -2,7 +2,7 @@
 
 JSON with numbers as strings; a matrix is a list of its columns. The camera looks along +z with its thin main lens in
 the origin, array and sensor at negative z; their poses are those of a corner. The image shows x and y turned by 180
-degrees, u = W - 1 - (X - sensor) / scale: so does our sensor frame, whose z is theirs.
+degrees, u = W - 1 - (X - sensor) / scale; so does our sensor frame, whose z has the same direction.
 """
 
 import json
@@ -22,8 +22,8 @@ _LAYOUTS = {0: "square", 1: "hexagonal", 2: "hexagonal-columns"}
 _UPRIGHT = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """Rotation of an array if the file states none: the unit matrix."""
 _NO_TILT_DEG = 1e-9
-"""Tilt below which there is none [deg]: rounding of a rotation matrix. It moves the rim of an array of 50 mm by 0.4
-pm.
+"""Tilt below which there is none [deg]: rounding of a rotation matrix. It moves the rim of an array of 50 mm by
+0.4 pm.
 """
 
 
@@ -73,7 +73,8 @@ def _camera(path: str | Path, file: Json) -> PrintedCamera:
 
 
 def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) -> tuple[MicrolensArray, list[Lost]]:
-    mesh, focal = file["mla"]["mesh"], [_finite(f) for f in file["mla"].get("focal_lengths", ())]
+    mesh = file["mla"]["mesh"]
+    focal = [_finite(f) for f in file["mla"].get("focal_lengths", ())]
     layout = _LAYOUTS.get(int(mesh["geometry"]))
     if layout is None:
         raise UnreadableLens(path, f"its microlenses have the geometry {mesh['geometry']}, and not 0, 1 or 2")
@@ -83,10 +84,10 @@ def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) 
     along, cross = (y_mm, x_mm) if layout == "hexagonal-columns" else (x_mm, y_mm)
     columns, rows = int(mesh["width"]), int(mesh["height"])
     middle = (columns - 1) // 2, (rows - 1) // 2
-    place = _node(layout, *middle)
+    offset = _node(layout, *middle)
     turn = _rotation(mesh["pose"])
     origin = _vector(mesh["pose"])
-    node = [o + row[0] * x_mm * place[0] + row[1] * y_mm * place[1] for o, row in zip(origin, turn, strict=True)]
+    node = [o + row[0] * x_mm * offset[0] + row[1] * y_mm * offset[1] for o, row in zip(origin, turn, strict=True)]
     tilt_x_deg, tilt_y_deg, rotation_deg = _angles_deg(turn)
     array = MicrolensArray(
         layout=layout,
@@ -138,7 +139,8 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
     libpleno counts the types by micro-image, whose indices run against those of the microlenses, as ours do:
     ((l mod (n - 1)) + k) mod n in hexagonal rows, k and l exchanged elsewhere.
     """
-    count, middle = len(focal), (columns - 1 - (columns - 1) // 2, rows - 1 - (rows - 1) // 2)
+    count = len(focal)
+    middle = (columns - 1 - (columns - 1) // 2, rows - 1 - (rows - 1) // 2)
     if count == 1:
         return {"focal_lengths_mm": tuple(focal)}
 
@@ -158,8 +160,8 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
     for k, l in product(range(-3, 4), repeat=2):
         x, y = _node(layout, columns - 1 - middle[0] - k, rows - 1 - middle[1] - l)
         x, y = x0 - x, y0 - y
-        line, place = (round(y / SIN_60), x) if layout == "hexagonal" else (round(x / SIN_60), y)
-        step = round(place - line / 2)
+        line, column = (round(y / SIN_60), x) if layout == "hexagonal" else (round(x / SIN_60), y)
+        step = round(column - line / 2)
         ours = (step - line if layout == "hexagonal" else line - step) % 3
         kind = theirs(middle[0] + k, middle[1] + l)
         if type_of.setdefault(ours, kind) != kind:

@@ -20,12 +20,12 @@ _STOP, _FLAT = "AS", ("FS", "CG", "INFINITY", "-INFINITY")
 _UNREAD = ("diffractive data",)
 _SKIPPED = ("descriptive data", "figure", "group data", "notes", "patent info", "report data")
 _SAME_RADIUS = 1e-4
-"""Relative difference of the two radii of an asphere that is still rounding: they are printed with five digits."""
+"""Relative difference of the two radii of an asphere that rounding explains: they are printed with five digits."""
 
 
 @dataclass(slots=True)
 class _Bench:
-    """A file by its sections, and the scenario that is read: the column of `[variable distances]`, counted from 0."""
+    """A file by its sections, and the selected scenario: the column of `[variable distances]`, counted from 0."""
 
     path: str | Path
     scenario: int
@@ -141,8 +141,8 @@ def _space_mm(bench: _Bench, line: int, text: str) -> float:
     distance = bench.value(text)
     if distance is None:
         names = [cells[0] for _, cells in bench.rows("variable distances")]
-        known = f"has no value in scenario {bench.scenario + 1}" if text in names else "is not in [variable distances]"
-        reason = f'the distance "{text}" {known}'
+        flaw = f"has no value in scenario {bench.scenario + 1}" if text in names else "is not in [variable distances]"
+        reason = f'the distance "{text}" {flaw}'
         raise UnreadableLens(bench.path, reason, line=line, hint="write its value there, in mm")
     return distance
 

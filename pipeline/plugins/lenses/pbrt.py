@@ -1,7 +1,7 @@
 """Lens tables of the renderer pbrt: rows `radius thickness index diameter` in mm, object side first.
 
-Two traps: the fourth column is the full diameter. And some files in circulation state the space before each surface,
-whereas pbrt itself reads the space behind it; `spacing_of` decides between them.
+There are two traps. The fourth column is the full diameter. And some files in circulation state the space before each
+surface, whereas pbrt itself reads the space behind it; `spacing_of` decides between them.
 """
 
 import math
@@ -16,7 +16,7 @@ _OTHER = {"before": "after", "after": "before"}
 
 
 def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
-    """A lens from a `.dat` file; `spacing`, the meaning of its second column, is by default decided by numbers."""
+    """A lens from a `.dat` file; the meaning of its second column, `spacing`, is by default decided by numbers."""
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)
     chosen, why = (spacing, "as told") if spacing else spacing_of(path, surfaces)

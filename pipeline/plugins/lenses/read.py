@@ -50,7 +50,8 @@ def read_lens(
         those of the file.
     Raises UnreadableLens: the lens cannot be represented.
     """
-    kind, given = _kind(path), next((value for value in beam.values() if value is not None), None)
+    kind = _kind(path)
+    given = next((value for value in beam.values() if value is not None), None)
     for words, value, only in (
         ("--spacing is for lens tables of pbrt (.dat)", spacing, (".dat",)),
         ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
@@ -65,7 +66,8 @@ def read_lens(
         if kind == _TABLE:
             description, lens = _from_table(path, named, **beam)
         elif kind == _BENCH:
-            description, lens = "a text of the Optical Bench", read_optical_bench(path, scenario)
+            description = "a text of the Optical Bench"
+            lens = read_optical_bench(path, scenario)
         else:
             description, reader = _READERS[kind]
             choices = {".dat": spacing, ".lens": apertures, **dict.fromkeys(_NAMED, named)}
@@ -87,7 +89,7 @@ def read_camera_file(path: str | Path, lens: Path | None = None) -> PrintedCamer
 
 
 def _kind(path: str | Path) -> str:
-    """The ending of the name in lower case, or which of the texts and tables that share their endings."""
+    """The lower-case suffix of the name, or the kind of text or table among those that share a suffix."""
     suffix = Path(path).suffix.lower()
     if suffix not in _READERS:
         return _BENCH if is_optical_bench(read_lines(path)) else _TABLE
@@ -99,7 +101,9 @@ def _from_table(
 ) -> tuple[str, PrintedLens]:
     """A lens from a table of the Blender add-on or a plain table, with all semi-diameters known."""
     if is_blender(read_lines(path)):
-        description, lens, beam = "a lens table of the Blender add-on", read_blender(path), Beam()
+        description = "a lens table of the Blender add-on"
+        lens = read_blender(path)
+        beam = Beam()
     else:
         description, (lens, beam) = "a table", read_table(path, glasses)
     if f_number is not None:

@@ -15,12 +15,12 @@ from pipeline.plugins.lenses.axis import in_order
 from pipeline.plugins.lenses.text import UnreadableLens
 
 _SAME = 1e-6
-"""Relative difference between two semi-diameters of the stop that is due to rounding in a file."""
+"""Relative difference between two semi-diameters of the stop that rounding in a file explains."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Field:
-    """An object point at infinity: its angle, and which part of the pupil's semi-diameter it loses above and below."""
+    """An object point at infinity: its angle, and the shares of the pupil's semi-diameter lost above and below."""
 
     angle_deg: float
     upper: float = 0.0
@@ -38,7 +38,7 @@ class Beam:
     fields: list[float] = field(default_factory=list)  # angles along y [degrees]
     upper: list[float] = field(default_factory=list)  # share of the pupil lost at its edge, for each of these
     lower: list[float] = field(default_factory=list)
-    others: list[float] = field(default_factory=list)  # angles along x, taken without vignetting
+    along_x: list[float] = field(default_factory=list)  # angles along x, taken without vignetting
 
     @property
     def is_known(self) -> bool:
@@ -54,7 +54,7 @@ class Beam:
         """Fields along y with their vignetting, then those along x."""
         rows = zip_longest(self.fields, self.upper[: len(self.fields)], self.lower[: len(self.fields)], fillvalue=0.0)
         along_y = [Field(angle_deg=angle, upper=upper, lower=lower) for angle, upper, lower in rows]
-        return along_y + [Field(angle_deg=angle) for angle in self.others]
+        return along_y + [Field(angle_deg=angle) for angle in self.along_x]
 
 
 def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> PrintedLens:
@@ -81,18 +81,19 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     vignetted = " with its vignetting factors" if beam.is_vignetted else ""
     statement = (
         f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
-        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(seen.angle_deg) for seen in fields):g} degrees)"
+        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(each.angle_deg) for each in fields):g} degrees)"
     )
     return replace(open_lens, lost=(*open_lens.lost, Lost(statement=statement)))
 
 
 def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
-    """The lens with each unknown semi-diameter filled in: the largest height of a rim ray of any field.
+    """The lens with each unknown semi-diameter filled in: the largest height of a marginal ray of any field.
 
-    At the stop it is the height of the axial rim ray. Paraxial: a real ray at the edge of a fast lens passes somewhat
-    further out. The object is at infinity; the beam through the entrance pupil along the axis counts besides `fields`.
+    At the stop it is the height of the axial marginal ray. The rays are paraxial: a real ray at the edge of a fast lens
+    passes somewhat further out. The object is at infinity; the beam through the entrance pupil along the axis counts
+    besides `fields`.
 
-    Raises PrescriptionError: there is not one stop, or it stands in a focus of what is before it.
+    Raises PrescriptionError: there is not exactly one stop, or it lies in a focus of the surfaces before it.
     """
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1:
@@ -106,20 +107,21 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
     start = -oblique[stops[0]] / parallel[stops[0]]
     surfaces = []
     for surface, a, b in zip(lens.surfaces, parallel, oblique, strict=True):
-        rim, chief = a * entrance_pupil_mm / 2, a * start + b
+        rim = a * entrance_pupil_mm / 2
+        chief = a * start + b
         heights = [abs(rim)]
-        for seen in () if surface.is_stop else fields:
-            centre = chief * math.tan(math.radians(seen.angle_deg))
-            heights += [abs(centre + rim * (1 - seen.upper)), abs(centre - rim * (1 - seen.lower))]
-        known = surface.semi_diameter_mm is not None
-        surfaces.append(surface if known else replace(surface, semi_diameter_mm=max(heights)))
+        for each in () if surface.is_stop else fields:
+            centre = chief * math.tan(math.radians(each.angle_deg))
+            heights += [abs(centre + rim * (1 - each.upper)), abs(centre - rim * (1 - each.lower))]
+        is_given = surface.semi_diameter_mm is not None
+        surfaces.append(surface if is_given else replace(surface, semi_diameter_mm=max(heights)))
     return replace(lens, surfaces=tuple(surfaces))
 
 
 def pupil_mm(lens: PrintedLens, beam: Beam, unit_mm: float) -> float:
-    """Diameter of the entrance pupil for a known beam [mm].
+    """Diameter of the entrance pupil of a beam [mm].
 
-    Raises PrescriptionError: only an f-number is known, and the lens has no focal length.
+    Raises PrescriptionError: only an f-number is given, and the lens has no focal length.
     """
     return beam.pupil * unit_mm if beam.pupil is not None else efl_mm(lens) / (beam.f_number or 1)
 
@@ -139,28 +141,30 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
     stops = [i for i, surface in enumerate(lens.surfaces) if surface.is_stop]
     if len(stops) != 1 or not beam.is_known:
         return lens  # several stops are refused later
-    stop, place = lens.surfaces[stops[0]], stops[0]
+    stop = lens.surfaces[stops[0]]
+    index = stops[0]
     printed_mm = stop.semi_diameter_mm or 0.0
-    unsized = _with_stop(lens, place, None)
+    unsized = _with_stop(lens, index, None)
     try:
         wide_mm = pupil_mm(lens, beam, unit_mm)
-        rim_mm = with_clear_apertures(unsized, wide_mm, ()).surfaces[place].semi_diameter_mm or 0.0
+        rim_mm = with_clear_apertures(unsized, wide_mm, ()).surfaces[index].semi_diameter_mm or 0.0
     except PrescriptionError as error:
         raise UnreadableLens(path, f"{beam.stated}: {error.message}", line=beam.line, hint=error.hint) from None
     if math.isclose(rim_mm, printed_mm, rel_tol=_SAME):
         return lens
-    asked, there = _f_number(lens, wide_mm), _f_number(lens, wide_mm * printed_mm / rim_mm)
-    statement = f"{beam.stated} is {asked}: the stop, surface {place + 1}, "
+    asked = _f_number(lens, wide_mm)
+    there = _f_number(lens, wide_mm * printed_mm / rim_mm)
+    statement = f"{beam.stated} is {asked}: the stop, surface {index + 1}, "
     if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
         shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
         return replace(lens, lost=(*lens.lost, Lost(statement=f"{statement}is {shape} and stays", line=beam.line)))
     statement += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
-    return replace(_with_stop(lens, place, rim_mm), lost=(*lens.lost, Lost(statement=statement, line=beam.line)))
+    return replace(_with_stop(lens, index, rim_mm), lost=(*lens.lost, Lost(statement=statement, line=beam.line)))
 
 
-def _with_stop(lens: PrintedLens, place: int, semi_diameter_mm: float | None) -> PrintedLens:
-    stop = replace(lens.surfaces[place], semi_diameter_mm=semi_diameter_mm)
-    return replace(lens, surfaces=(*lens.surfaces[:place], stop, *lens.surfaces[place + 1 :]))
+def _with_stop(lens: PrintedLens, index: int, semi_diameter_mm: float | None) -> PrintedLens:
+    stop = replace(lens.surfaces[index], semi_diameter_mm=semi_diameter_mm)
+    return replace(lens, surfaces=(*lens.surfaces[:index], stop, *lens.surfaces[index + 1 :]))
 
 
 def _f_number(lens: PrintedLens, wide_mm: float) -> str:

@@ -1,6 +1,6 @@
-"""Comparison of a lens with what its file states of it: focal length, back focal distance, F-number, sharpness on axis.
+"""Comparison of a lens with figures that its file states: focal length, back focal distance, F-number, sharpness.
 
-A file that lost rows or terms on its way still reads well. These four figures show it, and each difference is a remark.
+A file that lost rows or terms may still parse. These four figures reveal it, and each difference is a remark.
 """
 
 import math
@@ -15,15 +15,17 @@ from pipeline.optics.rays import traced
 from pipeline.optics.table import VERTEX, towards_sensor, unbounded
 
 _NEAR_FOCUS = 0.01
-"""Share of the focal length by which focal length and back focal distance may differ: names are round, and a film
-stands a little off the paraxial focus."""
+"""Share of the focal length by which focal length and back focal distance may differ: names are rounded, and the film
+is not quite at the paraxial focus.
+"""
 _NEAR_F_NUMBER = 0.1
-"""Relative difference of F-numbers that is still silent: the diameter of a stop is often taken from a drawing."""
+"""Relative difference of F-numbers that is tolerated: the diameter of a stop is often taken from a drawing."""
 _PRINTED_F_NUMBER = 0.05
 """Half a unit of the one decimal of a printed F-number."""
 _SHARP = 1 / 2000
 """Rms radius over focal length of the best image of a point on the axis: a disc of a thousandth of the focal length,
-the classical circle of confusion, has two thirds of it."""
+the classical circle of confusion, has two thirds of it.
+"""
 _RAYS = 24
 """Meridional rays over the entrance pupil, of equal shares of its area; the rms radius is a smooth integral of them."""
 
@@ -44,13 +46,13 @@ def remarks(
     without_aspheres: bool = False,
     line: int | None = None,
 ) -> tuple[Lost, ...]:
-    """Differences between a lens and the figures that its file states of it; None where it does not.
+    """Differences between a lens and the figures that its file states, None where it states none.
 
-    `without_aspheres`: whether the format has no place for aspheric terms: a blurred image on the axis is then a
-        remark.
+    `without_aspheres`: whether the format cannot hold aspheric terms: a blurred on-axis image is then a remark.
     `line`: that of the last surface.
     """
-    computed, efl_mm = figures(lens), lens.nominal_efl_mm
+    computed = figures(lens)
+    efl_mm = lens.nominal_efl_mm
     if computed is None:
         return ()
     losses = []
@@ -68,9 +70,9 @@ def remarks(
     if f_number and abs(abs(computed.f_number) - f_number) > _NEAR_F_NUMBER * f_number + _PRINTED_F_NUMBER:
         losses.append(f"with its stop the lens is {opening}, the file states f/{f_number:g}")
     if without_aspheres and (blur_mm := axial_blur_mm(lens, computed)) > _SHARP * abs(computed.efl_mm):
-        seen = "some rays of the axial beam fail" if math.isinf(blur_mm) else f"its rms radius is {blur_mm:.3g} mm"
+        flaw = "some rays of the axial beam fail" if math.isinf(blur_mm) else f"its rms radius is {blur_mm:.3g} mm"
         losses.append(
-            f"the sharpest image of a point on the axis at {opening} is blurred ({seen}):"
+            f"the sharpest image of a point on the axis at {opening} is blurred ({flaw}):"
             " it may have lost aspheric terms, which this format cannot hold"
         )
     return tuple(Lost(statement=statement, line=line) for statement in losses)

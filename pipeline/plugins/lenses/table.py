@@ -1,8 +1,7 @@
-"""Plain tables of a lens, as typed from a patent or a book: one row per surface, and a header that names the
-columns.
+"""Plain tables of a lens, as typed from a patent or a book: one row per surface, and a header that names the columns.
 
-docs/lenses.md is the contract. A quantity may have any of its usual names; beyond these, the meaning of a column or
-row is never guessed.
+docs/lenses.md is the contract. A quantity may have any of its usual names; beyond these, the meaning of a column or row
+is never guessed.
 """
 
 import math
@@ -72,7 +71,9 @@ def read_table(path: str | Path, glasses: Glasses) -> tuple[PrintedLens, Beam]:
         if text.lstrip().startswith("#"):
             _comment(table, line, text.lstrip().lstrip("# ").strip())
     rows = [(line, text) for line, text in enumerate(lines[first:], first + 1) if _is_row(text)]
-    surfaces = [surface for place, row in enumerate(rows, 1) if (surface := _surface(table, place, *row, rows[-1][0]))]
+    surfaces = [
+        surface for number, row in enumerate(rows, 1) if (surface := _surface(table, number, *row, rows[-1][0]))
+    ]
     if not surfaces:
         raise UnreadableLens(path, "holds no surfaces")
     stops = sum(surface.is_stop for surface in surfaces)
@@ -101,7 +102,7 @@ def _cells(text: str, delimiter: str | None) -> list[str]:
 
 
 def _quantity(name: str) -> str | None:
-    """Content of a column, None if its name is not known: a quantity of NAMES, or `A4`, `A6` … of an asphere."""
+    """Quantity of a column, None if its name is unknown: one of NAMES, or `A4`, `A6` … of an asphere."""
     plain = re.sub(r"[\s_-]+", " ", re.sub(r"[\[(].*?[\])]|[_ ]mm$", "", name.casefold())).strip()
     if term := re.fullmatch(r"a ?0*([1-9]\d?)", plain):
         return f"A{term[1]}"
@@ -144,7 +145,7 @@ def _comment(table: _Table, line: int, text: str) -> None:
         table.settings[name] = (value.strip(), line)
 
 
-def _surface(table: _Table, place: int, line: int, text: str, last_line: int) -> PrintedSurface | None:
+def _surface(table: _Table, number: int, line: int, text: str, last_line: int) -> PrintedSurface | None:
     """A row as a surface; None for object and image."""
     cells = _cells(text, table.delimiter)
     if len(cells) > len(table.columns):
@@ -160,7 +161,7 @@ def _surface(table: _Table, place: int, line: int, text: str, last_line: int) ->
     if unit_mm is None:
         hint = f"known are {', '.join(_UNITS_MM)}"
         raise UnreadableLens(table.path, f'unknown unit "{unit}"', line=unit_line, hint=hint)
-    index, abbe, glass = _medium(table, place, line, values)
+    index, abbe, glass = _medium(table, number, line, values)
     return PrintedSurface(
         radius_mm=_radius(table, line, values) * unit_mm,
         thickness_mm=_thickness(table, line, values, is_last=line == last_line) * unit_mm,
@@ -211,19 +212,19 @@ def _thickness(table: _Table, line: int, values: dict[str, str], *, is_last: boo
 
 def _semi_diameter(table: _Table, line: int, values: dict[str, str], unit_mm: float) -> float | None:
     """Semi-diameter of a row; None if it is 0 or its cell is empty."""
-    semi, whole = (_value(table, line, values, name) for name in ("semi-diameter", "diameter"))
-    half_width = semi or (whole / 2 if whole else None)
+    semi, diameter = (_value(table, line, values, name) for name in ("semi-diameter", "diameter"))
+    half_width = semi or (diameter / 2 if diameter else None)
     return half_width * unit_mm if half_width else None
 
 
-def _medium(table: _Table, place: int, line: int, values: dict[str, str]) -> tuple[float, float | None, str]:
+def _medium(table: _Table, number: int, line: int, values: dict[str, str]) -> tuple[float, float | None, str]:
     """Index, Abbe number and name behind a surface: printed numbers, else those of the catalogue for the glass."""
     printed, name = values.get("index", ""), values.get("glass", "")
     glass = "" if name.casefold() in _AIR | _STOP_WORDS else name
     index = None if printed.casefold() in _AIR else _value(table, line, values, "index")
     if index is None and glass:
-        one = table.glasses.of(line, place, glass)
-        return table.glasses.printed(line, place, one, table.setting("wavelength"))
+        one = table.glasses.of(line, number, glass)
+        return table.glasses.printed(line, number, one, table.setting("wavelength"))
     if index is None or index == 1:
         return 1.0, None, ""
     if not 1 < index < _LARGEST_INDEX:

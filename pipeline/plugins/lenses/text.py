@@ -1,4 +1,4 @@
-"""Common parts of the readers of lens files: text in any encoding, numbers, glasses, the error with file and line."""
+"""Shared parts of the readers of lens files: text in any encoding, numbers, glasses, the error with file and line."""
 
 import codecs
 import math
@@ -24,7 +24,7 @@ class UnreadableLens(UsageError):
 
 @contextmanager
 def computing(path: str | Path) -> Iterator[None]:
-    """Context of a reader: numbers with which nothing can be computed are an error of the file."""
+    """Context of a reader that reports impossible numbers as an error of the file."""
     try:
         yield
     except ArithmeticError as error:
@@ -61,12 +61,12 @@ def number(path: str | Path, line: int, text: str, quantity: str) -> float:
 
 
 def radius_mm(curvature_per_mm: float) -> float:
-    """Radius of a curvature [mm]; that of a plane for one that rounding has left over."""
+    """Radius of a curvature [mm]; that of a plane for a curvature that is only rounding."""
     return math.inf if abs(curvature_per_mm) < _PLANE_PER_MM else 1 / curvature_per_mm
 
 
 def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None = None) -> list[Lost]:
-    """The loss of wavelengths of a design, if any of them is not that of the lens, by default the d line."""
+    """Loss of the design's other wavelengths, if any differs from that of the lens, by default the d line."""
     if all(abs(wavelength - (of_lens_nm or 587.6)) <= 0.1 for wavelength in wavelengths_nm):
         return []
     shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)

@@ -1,6 +1,6 @@
 """Archives of Zemax (`.zar`): a lens, glass catalogues and more, one behind the other, or in a zip.
 
-Nobody has published the layout: it is what zmxtools (T. Vettenburg) found in archives that Thorlabs distributes.
+The layout is unpublished; this follows zmxtools (T. Vettenburg), from archives that Thorlabs distributes.
 """
 
 import struct
@@ -17,13 +17,13 @@ from pipeline.plugins.lenses.text import UnreadableLens
 from pipeline.plugins.lenses.zemax import read_zemax
 
 _HEADERS = {0xEA: (0x14C, "<I", 0x0C, 0x20, "latin-1"), 0xEC: (0x288, "<Q", 0x10, 0x30, "utf-16-le")}
-"""By its first byte: length of a header, layout and place of its member's length, place and encoding of the name."""
+"""By first byte: header length, format and offset of its member's length, offset and encoding of the name."""
 _MOST_BYTES = 16 * 2**20
 """Largest lens that is read: one of a thousand surfaces has 1 MiB, and a file of 20 kB can be packed to hold 16."""
 
 
 def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
-    """The lens of an archive, whose catalogues count where no other has a glass."""
+    """The lens of an archive, whose catalogues are used where no other has a glass."""
     found = list[tuple[str, bytes]]()
     try:
         for name, raw in _members(Path(path)):
@@ -58,11 +58,15 @@ def _members(path: Path) -> Iterator[tuple[str, bytes]]:
         while first := stream.read(1):
             if first[0] not in _HEADERS:
                 raise EOFError("a header begins with no version")
-            length, layout, place, name_at, encoding = _HEADERS[first[0]]
+            length, layout, size_at, name_at, encoding = _HEADERS[first[0]]
             header = first + stream.read(length - 1)
-            if len(header) < length or stream.tell() + (packed := struct.unpack_from(layout, header, place)[0]) > size:
+            if (
+                len(header) < length
+                or stream.tell() + (packed := struct.unpack_from(layout, header, size_at)[0]) > size
+            ):
                 raise EOFError("it is cut off")
-            name, behind = header[name_at:].decode(encoding, "replace").partition("\0")[0], stream.tell() + packed
+            name = header[name_at:].decode(encoding, "replace").partition("\0")[0]
+            behind = stream.tell() + packed
             if name.lower().removesuffix(".lzw").endswith((".zmx", ".agf")):
                 raw = stream.read(min(packed, _MOST_BYTES))
                 yield (name[:-4], _unpacked(raw)) if name.lower().endswith(".lzw") else (name, raw)
@@ -70,11 +74,17 @@ def _members(path: Path) -> Iterator[tuple[str, bytes]]:
 
 
 def _unpacked(packed: bytes) -> bytes:
-    """Welch's algorithm: codes of 9 bits and more, highest bit first, in a table that grows without end."""
-    words, unpacked, before, width, bits, count = [bytes([value]) for value in range(256)], bytearray(), b"", 8, 0, 0
+    """LZW decompression (Welch, Computer 17(6) (1984) 8): codes from 9 bits up, highest bit first, without a limit."""
+    words = [bytes([value]) for value in range(256)]
+    unpacked = bytearray()
+    before = b""
+    width = 8
+    bits = 0
+    count = 0
     for byte in packed:
         width += len(words) >= 1 << width
-        bits, count = bits << 8 | byte, count + 8
+        bits = bits << 8 | byte
+        count = count + 8
         if count >= width:
             count -= width
             code, bits = bits >> count, bits & (1 << count) - 1

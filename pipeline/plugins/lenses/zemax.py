@@ -1,7 +1,7 @@
 """Zemax lens files (`.zmx`): keyword lines, one block per surface, object and image among them.
 
-Statements that change the lens and cannot be represented are reported with their line, or refused if the numbers
-would have another meaning without them.
+Unsupported statements that change the lens are reported with their line, or refused if the numbers would have another
+meaning without them.
 """
 
 import math
@@ -26,7 +26,7 @@ _BREAK, _TILTED = "COORDBRK", "TILTSURF"
 _PLACEHOLDER = (1.5, 40.0)
 """Index and Abbe number that Zemax writes where it keeps none."""
 _NO_GAP = 1e-6
-"""Distance of surfaces that is rounding of an optimiser, in the unit of the file: some are negative."""
+"""Distance of surfaces that an optimiser's rounding explains, in the unit of the file: some are negative."""
 _STANDARD_AIR = [20.0, 1.0]
 """Temperature [°C] and pressure [atm] of ENVD for which catalogues have their indices."""
 _APERTURES = ("ELAP", "UDAD", "SPID", "UDOB", "OBEL", "OBSQ", "OBDC")
@@ -86,7 +86,7 @@ class _System:
 
     @property
     def surfaces(self) -> list[tuple[int, _Row]]:
-        """Rows between object and image with their numbers, without breaks of coordinates that are not the stop."""
+        """Rows between object and image with their numbers, without coordinate breaks that are not the stop."""
         return [(i, row) for i, row in enumerate(self.rows[1:-1], 1) if row.type_name != _BREAK or row.is_stop]
 
     @property
@@ -104,10 +104,10 @@ class _System:
         else:
             self._of_system(line, keyword, words)
 
-    def _first(self, line: int, keyword: str, words: list[str], place: int = 0) -> float:
-        if len(words) <= place:
+    def _first(self, line: int, keyword: str, words: list[str], index: int = 0) -> float:
+        if len(words) <= index:
             raise UnreadableLens(self.path, f"{keyword} has no value", line=line)
-        return number(self.path, line, words[place], keyword)
+        return number(self.path, line, words[index], keyword)
 
     def _of_system(self, line: int, keyword: str, words: list[str]) -> None:
         if keyword == "NAME":
@@ -153,7 +153,8 @@ class _System:
             self.stop_floats = True
         elif (value := self._first(line, keyword, words)) > 0:
             self.beam.pupil, self.beam.f_number = (value, None) if keyword == "ENPD" else (None, value)
-            self.beam.stated, self.beam.line = f"{keyword} {value:g}", line
+            self.beam.stated = f"{keyword} {value:g}"
+            self.beam.line = line
             self.working_f_number = keyword == "FNUM" and len(words) > 1 and self._first(line, keyword, words, 1) == 1
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
@@ -190,7 +191,10 @@ class _System:
         """
         first, second = (0.0, 0.0) if keyword == "DIAM" else (self._first(line, keyword, words, i) for i in (0, 1))
         if keyword == "CLAP":
-            row.inner, row.semi_diameter, row.is_automatic, row.has_ring = first, second, False, True
+            row.inner = first
+            row.semi_diameter = second
+            row.is_automatic = False
+            row.has_ring = True
         elif keyword == "OBSC" and first == 0:
             row.inner = second
         elif keyword == "OBSC":
@@ -204,7 +208,7 @@ class _System:
 
 
 def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> PrintedLens:
-    """A lens from a `.zmx` file, or from its bytes where it is none of its own."""
+    """A lens from a `.zmx` file, or from its bytes if it is not a file of its own."""
     system = _System(path, glasses)
     for line, words in enumerate(read_lines(path, raw), 1):
         system.obey(line, words)
@@ -218,12 +222,12 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
     if not system.field_is_angle:
         system.beam.fields.clear()
     rows = system.surfaces
-    media = [_medium(system, place, row) for place, row in rows]
+    media = [_medium(system, number, row) for number, row in rows]
     primary_um = system.wavelengths_um.get(system.primary)
     nm = glasses.wavelength_nm(media, primary_um and 1000 * primary_um)
     surfaces = tuple(
-        _printed(system, place, row, glasses.printed(row.glass_line, place, one, nm))
-        for (place, row), one in zip(rows, media, strict=True)
+        _printed(system, number, row, glasses.printed(row.glass_line, number, one, nm))
+        for (number, row), one in zip(rows, media, strict=True)
     )
     lens = PrintedLens(
         name=system.name or Path(path).stem,
@@ -243,29 +247,32 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
 def _frames(system: _System, unit_mm: float) -> list[np.ndarray]:
     """Frames of all surfaces and of the image plane in that of the first row behind the object, (4, 4) each.
 
-    A break of coordinates decentres before it turns about x, y and z, or with a sixth parameter turns about z, y and x
+    A coordinate break decentres before it turns about x, y and z, or with a sixth parameter turns about z, y and x
     before it decentres. A tilted plane states its slopes.
     """
-    here, found = np.eye(4), []
+    pose = np.eye(4)
+    found = []
     for row in system.rows[1:]:
         values = [row.parameters.get(i, 0.0) for i in range(1, 7)]
         if row.type_name == _BREAK:
             x, y, *turns, is_reverse = np.multiply(values, -1.0 if values[5] else 1.0)
             there = frame(x * unit_mm, y * unit_mm, 0.0, *turns)
-            here = here @ (inverse(there) if is_reverse else there)
-        plane = here
+            pose = pose @ (inverse(there) if is_reverse else there)
+        plane = pose
         if row.type_name == _TILTED:
             about_x = math.atan(values[1])
             about_y = -math.atan(values[0] * math.cos(about_x))
-            plane = here @ frame(0.0, 0.0, 0.0, math.degrees(about_x), math.degrees(about_y), 0.0)
+            plane = pose @ frame(0.0, 0.0, 0.0, math.degrees(about_x), math.degrees(about_y), 0.0)
         if row.type_name != _BREAK or row.is_stop:
             found.append(plane)
-        here = here @ frame(0.0, 0.0, row.thickness * unit_mm)
+        pose = pose @ frame(0.0, 0.0, row.thickness * unit_mm)
     return found
 
 
 def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
-    lost, first, image = list(system.lost), system.rows[0], system.rows[-1]
+    lost = list(system.lost)
+    first = system.rows[0]
+    image = system.rows[-1]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         statement = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
         lost.append(Lost(statement=statement, line=first.line))
@@ -295,11 +302,11 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
     return lost + ([Lost(statement=f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
 
 
-def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
+def _printed(system: _System, number: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
     unit_mm = system.unit_mm or 1.0
     is_cylinder = row.type_name == "TOROIDAL" and not any(row.parameters.values())
     if not is_cylinder and row.type_name not in ("STANDARD", "PARAXIAL", _BREAK, _TILTED, *_POWER_OF_TERM):
-        reason = f"surface {place} is of type {row.type_name}, which cannot be represented"
+        reason = f"surface {number} is of type {row.type_name}, which cannot be represented"
         raise UnreadableLens(system.path, reason, line=row.type_line)
     index, abbe, glass = medium
     step = _POWER_OF_TERM.get(row.type_name, 0)
@@ -328,25 +335,29 @@ def _printed(system: _System, place: int, row: _Row, medium: tuple[float, float 
     )
 
 
-def _medium(system: _System, place: int, row: _Row) -> Named:
-    """The medium behind a surface: the glass of a name, whatever is left over beside it, or a model of two numbers."""
+def _medium(system: _System, surface: int, row: _Row) -> Named:
+    """The medium behind a surface: the named glass, whatever else is stated, or a model of two numbers."""
     if not row.glass:
         return AIR
-    line, name, kind = row.glass_line, row.glass[0], (row.glass[1] if len(row.glass) > 1 else "0")
+    line = row.glass_line
+    name = row.glass[0]
+    kind = row.glass[1] if len(row.glass) > 1 else "0"
     if name.upper() == "MIRROR":
-        raise UnreadableLens(system.path, f"surface {place} is a mirror", line=line)
+        raise UnreadableLens(system.path, f"surface {surface} is a mirror", line=line)
     numbers = [number(system.path, line, word, "GLAS") for word in row.glass[3:5]]
     if name == "___BLANK" and kind == "2":  # as behind an earlier surface, which may be air
         source = system.rows[min(int(number(system.path, line, row.glass[2], "GLAS")), len(system.rows) - 1)]
-        return _medium(system, place, source) if source.line < row.line else AIR
+        return _medium(system, surface, source) if source.line < row.line else AIR
     beside = numbers if len(numbers) == 2 and tuple(numbers) != _PLACEHOLDER and numbers[0] > 1 else []
     if kind == "1" or name == "___BLANK":
         if len(numbers) < 2:
-            raise UnreadableLens(system.path, f"surface {place}: a model glass needs index and Abbe number", line=line)
-        return system.glasses.model(line, place, (numbers[0], numbers[1]), "" if name == "___BLANK" else name)
-    listed = system.glasses.of(line, place, name, system.vendors)
+            raise UnreadableLens(
+                system.path, f"surface {surface}: a model glass needs index and Abbe number", line=line
+            )
+        return system.glasses.model(line, surface, (numbers[0], numbers[1]), "" if name == "___BLANK" else name)
+    listed = system.glasses.of(line, surface, name, system.vendors)
     nd = listed.medium.nd
     if beside and nd is not None and listed is not AIR and abs(nd - beside[0]) > MAX_INDEX_DIFFERENCE:
         left = f"index {beside[0]:g} beside glass {name} is left over; the glass has {nd:.6g}"
-        system.glasses.remark(line, place, left)
+        system.glasses.remark(line, surface, left)
     return listed

@@ -24,13 +24,15 @@ from pipeline.results.spots import FARTHEST_MM, RAYS, FieldBundle, drawn, field_
 _ROWS = 21
 """Heights of the field curves: a smooth line on a page."""
 _NYQUIST, _FREQUENCIES = 0.5, 26
-"""Highest frequency of the MTF [cycles/px], which pixels can still tell apart, and how many there are."""
+"""Highest frequency of the MTF, that of Nyquist [cycles/px], and the number of frequencies."""
 _HEIGHTS = 9
 """Heights of the curve of field curvature."""
 
 
 def optics(camera: Camera, name: str, record: Json) -> Optics:
-    """All of it, traced now, of a focused camera in the light of its channel; `record` is camera.json."""
+    """Drawing, figures and curves of a focused camera in the light of its channel, traced now; `record` is
+    camera.json.
+    """
     curves = field_curves(camera, middle_focus(camera), _ROWS)
     view, shown = view_of(camera), _with_infinities(record)
     bundles = field_bundles(view)
@@ -46,7 +48,7 @@ def optics(camera: Camera, name: str, record: Json) -> Optics:
 
 
 def _with_infinities(value: Any) -> Any:
-    """A record of a JSON file with infinities as numbers, which are words there."""
+    """A record of a JSON file with its infinities, there words, as numbers."""
     if isinstance(value, dict):
         return {name: _with_infinities(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -65,10 +67,10 @@ def _types(record: Json) -> Iterable[Figures]:
 
 
 def _over_height(curves: FieldCurves) -> Iterator[Chart]:
-    place = "infinity" if math.isinf(curves.object_mm) else f"{curves.object_mm:.1f} mm"
+    distance = "infinity" if math.isinf(curves.object_mm) else f"{curves.object_mm:.1f} mm"
     light = "weight of the bundle over that on the axis: vignetting, cosine and pupil"
     for title, remark, y_name, y in (
-        ("Distortion", f"of chief rays, for objects at {place}", "distortion [%]", 100 * curves.distortion),
+        ("Distortion", f"of chief rays, for objects at {distance}", "distortion [%]", 100 * curves.distortion),
         ("Relative illumination", light, "share", curves.relative_illumination),
     ):
         lines = (Line(name=title.lower(), y=tuple(value if math.isfinite(value) else None for value in y.tolist())),)
@@ -82,7 +84,8 @@ def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
     distance = min(middle_focus(camera), FARTHEST_MM)
     lines = []
     for field in bundles:
-        shown, weight = field.spot(distance), field.bundle.weight_sr
+        shown = field.spot(distance)
+        weight = field.bundle.weight_sr
         for axis, name in enumerate("xy"):
             waves = np.exp(2j * np.pi * np.outer(frequency, shown[:, axis]))
             contrast = np.abs(waves @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
@@ -100,8 +103,9 @@ def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
 
 
 def field_curvature(camera: Camera) -> Chart:
-    """Distances at which bundles of the main lens are thinnest, along and across the radius of the image."""
-    tracer, sensor = Tracer(dataclasses.replace(camera, microlenses=None)), camera.sensor
+    """Distances at which bundles of the main lens are narrowest, sagittally and tangentially."""
+    tracer = Tracer(dataclasses.replace(camera, microlenses=None))
+    sensor = camera.sensor
     reach_mm = float(np.hypot(*sensor.farthest_corner_mm))
     heights = np.linspace(0.0, reach_mm, _HEIGHTS)
     positions = tracer.pixels_at(np.column_stack([heights, np.zeros(_HEIGHTS)]))
@@ -122,7 +126,7 @@ def field_curvature(camera: Camera) -> Chart:
 
 
 def _thinnest_mm(bundle: Bundle, axis: int) -> float:
-    """Vision z of the least variance of the crossings along an axis: -cov(a, s) / var(s) of the lines a + s z."""
+    """Vision z of the least variance of the intersections along an axis: -cov(a, s) / var(s) of the lines a + s z."""
     weight = bundle.weight_sr
     if np.count_nonzero(weight) < 2:
         return math.nan

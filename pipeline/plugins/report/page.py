@@ -1,6 +1,6 @@
 """The report of a build: one page that works from disk, in a folder beside the output folder.
 
-It is neither a task nor part of the output folder: it tells when and where tasks ran, and OUT is the same to the byte
+It is neither a task nor part of the output folder: it tells when and where tasks ran, and OUT is identical to the byte
 wherever it was made. Images that an earlier report holds are not made again: their names are digests.
 """
 
@@ -36,7 +36,7 @@ def place_of(out: Path) -> Path:
 
 
 def require_ours(report: Path) -> None:
-    """Refuse a folder that holds something else, by a UsageError."""
+    """Refuse a folder that holds something else; UsageError."""
     index = report / INDEX
     is_ours = index.is_file() and not index.is_symlink() and _MARK in index.read_bytes()
     is_free = not report.exists() or (report.is_dir() and not any(report.iterdir()))
@@ -45,7 +45,7 @@ def require_ours(report: Path) -> None:
 
 
 def state_of(out: Path) -> str:
-    """Digest of all that a report is made of but its history: the manifest and the scripts of the page."""
+    """Digest of all inputs of a report but its history: the manifest and the scripts of the page."""
     digest = hashlib.sha256((out / "manifest.json").read_bytes())
     for name in ASSETS:
         digest.update(_asset(name))
@@ -53,7 +53,7 @@ def state_of(out: Path) -> str:
 
 
 def is_current(out: Path, report: Path) -> bool:
-    """Whether a report was made of what the output folder holds now."""
+    """Whether a report was made from the present content of the output folder."""
     made_of = report / "made_of"
     return made_of.is_file() and made_of.read_text(encoding="utf-8") == state_of(out)
 
@@ -78,8 +78,8 @@ def write_page(
 ) -> Path:
     """Write the report of an output folder; returns its page.
 
-    Without the stage of the folder there are no optics and no 3-D view; without a history that of an earlier one stays,
-    and so does what was said of other cameras than those `informed` about, if the folder is still the same.
+    Without the stage of the folder there are no optics and no 3-D view. Without a history, that of an earlier report
+    stays, as does its information about cameras other than those `informed` about, if the folder is unchanged.
     Raises UsageError where there is no finished build or `report` holds something else, and DamagedFile.
     """
     folder, output = finished_folder(out), open_output(out)
@@ -89,7 +89,8 @@ def write_page(
         (report / name).mkdir(parents=True, exist_ok=True)
     put(report / INDEX, _asset(INDEX))  # first: it marks the folder as ours
     (report / "made_of").unlink(missing_ok=True)
-    manifest, scripts = read_json(out / "manifest.json"), Scripts(report)
+    manifest = read_json(out / "manifest.json")
+    scripts = Scripts(report)
     information = {}
     for name in output.cameras:
         script = f"information.{name}.{state[:16]}"
@@ -104,7 +105,7 @@ def write_page(
         information=information,
     )
     bodies = loaded.dataset.cameras if loaded and loaded.dataset else ()
-    entries = {seen.full_name: seen for entry in bodies for seen in entry.in_channels}
+    entries = {channel.full_name: channel for entry in bodies for channel in entry.in_channels}
     cameras = [
         camera_part(source, camera, _optics(source, entries.get(name), camera.record))
         for name, camera in output.cameras.items()
@@ -152,8 +153,10 @@ def _optics(source: ReportedBuild, entry: CameraEntry | None, record: Json) -> s
 
 
 def _targets(source: ReportedBuild, loaded: Loaded | None) -> tuple[Any, ...]:
-    known = {entry.name: entry.target for entry in loaded.targets} if loaded else {}
-    return tuple(target_part(source, name, target, known.get(name)) for name, target in source.output.targets.items())
+    loaded_targets = {entry.name: entry.target for entry in loaded.targets} if loaded else {}
+    return tuple(
+        target_part(source, name, target, loaded_targets.get(name)) for name, target in source.output.targets.items()
+    )
 
 
 def _asset(name: str) -> bytes:

@@ -1,7 +1,7 @@
 """Cameras, views, tables and targets of a build as parts of the page; tables have the very numbers of the files.
 
 Data are scripts: a page from disk may load scripts, and nothing else. Images are copies of small PNGs, tiles of large
-ones, under names made of their digests: what a report already holds is not made again.
+ones, named by their digests: those that a report already holds are not made again.
 """
 
 import base64
@@ -38,21 +38,20 @@ from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
 
 _FARTHEST_PX = 1e12
-"""Principal distance in the 3-D view of a lens that no pinhole fits [px]: its field is no pyramid, and shrinks to the
-axis."""
+"""Principal distance in the 3-D view for a lens that no pinhole fits [px]: its pyramid shrinks to the axis."""
 
 _FUNCTION = "plenopticReport"
 """Name of the function that a script calls with its name and its data."""
 _WHOLE_PX = 2048
-"""Longest edge of an image that is one file: browsers decode it in a few hundredths of a second."""
+"""Longest edge of an image that stays one file: browsers decode it in a few hundredths of a second."""
 _TILE_PX = 512
 """Edge of a tile: a screen shows a dozen, and an image of 12 megapixels has about sixty on all levels."""
 _NAME = 16
-"""Digits of a digest in a name: 64 bits, among thousands of images never the same by chance."""
+"""Hexadecimal digits of a digest in a name: at 64 bits, thousands of images never collide by chance."""
 _BINS = 40
 """Bins of a histogram."""
 _POINTS = 4000
-"""Most points of a map: more are a blot, and bytes."""
+"""Most points of a map: more make a blot, and a large file."""
 
 
 class Scripts:
@@ -64,19 +63,19 @@ class Scripts:
 
     def write(self, name: str, record: Any) -> str:
         """Write a record; returns the path of its script below the report."""
-        place = f"data/{name}.js"
+        path = f"data/{name}.js"
         text = json.dumps(to_plain(record), separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-        put(self.report / place, f"{_FUNCTION}({json.dumps(name)},{text});\n".encode())
-        self.written.add(place)
-        return place
+        put(self.report / path, f"{_FUNCTION}({json.dumps(name)},{text});\n".encode())
+        self.written.add(path)
+        return path
 
     def keep(self, name: str) -> str | None:
-        """Path of a script of an earlier report that is still true; None if there is none."""
-        place = f"data/{name}.js"
-        if not (self.report / place).is_file():
+        """Path of a script of an earlier report that is still valid; None if there is none."""
+        path = f"data/{name}.js"
+        if not (self.report / path).is_file():
             return None
-        self.written.add(place)
-        return place
+        self.written.add(path)
+        return path
 
     def remove_others(self) -> None:
         for path in (self.report / "data").glob("*.js"):
@@ -86,7 +85,7 @@ class Scripts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportedBuild:
-    """A build that is reported, and where the report is written; `points` and `certificate` are the manifest's."""
+    """A build and the destination of its report; `points` and `certificate` are the manifest's."""
 
     output: Output
     folder: BuiltFolder
@@ -129,18 +128,18 @@ def _micro_images(source: ReportedBuild, camera: BuiltCamera) -> str | None:
 
 
 def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
-    place = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
+    folder = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
     facts = source.points[camera.name]
-    seen = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
+    visible = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
     body = f"frames/{view.frame:04d}/{body_and_channel(camera.name)[0]}"
-    pictures = _pictures(source, place, ("image", "raw", "labels"))
-    if body != place:
+    pictures = _pictures(source, folder, ("image", "raw", "labels"))
+    if body != folder:
         pictures += _pictures(source, body, ("image", "raw", "labels"), "all channels: ")
     poses = view.poses
     return View(
         frame=view.frame,
         rows=len(view.correspondences),
-        seen=sum(seen.values()),
+        seen=sum(visible.values()),
         of=sum(facts["of"].values()),
         data=source.scripts.write(f"rows.{camera.name}.{view.frame:04d}", table_data(view.correspondences)),
         pictures=pictures,
@@ -149,21 +148,20 @@ def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
     )
 
 
-def _pictures(source: ReportedBuild, place: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
-    folder = source.folder
-    files = [(kind, f"{place}/{kind}.png") for kind in kinds if folder.file(f"{place}/{kind}.png")]
-    return tuple(picture_of(folder, file, f"{before}{kind}", source.report) for kind, file in files)
+def _pictures(source: ReportedBuild, folder: str, kinds: tuple[str, ...], before: str = "") -> tuple[Picture, ...]:
+    files = [(kind, f"{folder}/{kind}.png") for kind in kinds if source.folder.file(f"{folder}/{kind}.png")]
+    return tuple(picture_of(source.folder, file, f"{before}{kind}", source.report) for kind, file in files)
 
 
-def target_part(source: ReportedBuild, name: str, target: BuiltTarget, known: AnyTarget | None) -> TargetPart:
-    """A target with its faces and its picture; without those of a mesh, and where the stage could not be read."""
+def target_part(source: ReportedBuild, name: str, target: BuiltTarget, loaded: AnyTarget | None) -> TargetPart:
+    """A target with its faces and its picture; without those for a mesh, and where the stage could not be read."""
     part = TargetPart(
         name=name, kind=target.kind, points=len(target.points_mm), corners_mm=(), faces=(), places=(), picture=""
     )
     picture = source.folder.file(f"pictures/{name}.png")
-    if not isinstance(known, Target) or picture is None:
+    if not isinstance(loaded, Target) or picture is None:
         return part
-    faces = preview_faces(known)
+    faces = preview_faces(loaded)
     return dataclasses.replace(
         part,
         corners_mm=tuple(map(tuple, np.round(faces.points_mm, 4).tolist())),
@@ -174,11 +172,11 @@ def target_part(source: ReportedBuild, name: str, target: BuiltTarget, known: An
 
 
 _OUTER = "light_"
-"""Beginning of the columns of the outline of all light."""
+"""Prefix of the columns of the outline of all light."""
 
 
 def table_data(rows: np.recarray) -> TableData:
-    """All columns of a table; those in which all rows are equal once."""
+    """All columns of a table; constant columns are stated once."""
     columns = {name: _plain(rows[name]) for name in rows.dtype.names or ()}
     same = {name: cells[0] for name, cells in columns.items() if len(cells) > 1 and len(set(cells)) == 1}
     return TableData(
@@ -187,7 +185,7 @@ def table_data(rows: np.recarray) -> TableData:
 
 
 def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageData:
-    """Micro-images that light reaches, with the outline of all of their light."""
+    """Lit micro-images, with the outline of all of their light."""
     names = [name for name in outlines.dtype.names or () if name.startswith(_OUTER)]
     row_of = {key: row for row, key in enumerate(_keys(images))}
     shown = images[[row_of[key] for key in _keys(outlines)]].view(np.recarray)
@@ -214,8 +212,9 @@ def _plain(column: np.ndarray) -> tuple[Any, ...]:
 
 
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
-    """Put an image of the build into the report, unless it is there; UsageError if it is gone, or DamagedFile."""
-    source, name = folder.present(file), f"images/{folder.digests[file][:_NAME]}"
+    """Put an image of the build into the report, unless it is there; UsageError if it has vanished, or DamagedFile."""
+    source = folder.present(file)
+    name = f"images/{folder.digests[file][:_NAME]}"
     width, height = png_size(source)
     shown = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)
     if max(width, height) <= _WHOLE_PX:
@@ -230,25 +229,27 @@ def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Pictu
 
 def levels_of(width_px: int, height_px: int) -> int:
     """Number of levels, each half of the next one; level 0 fits into one tile."""
-    levels, longest = 1, max(width_px, height_px)
+    levels = 1
+    longest = max(width_px, height_px)
     while longest > _TILE_PX:
-        levels, longest = levels + 1, (longest + 1) // 2
+        levels = levels + 1
+        longest = (longest + 1) // 2
     return levels
 
 
-def _write_tiles(place: Path, pixels: np.ndarray, levels: int) -> None:
+def _write_tiles(folder: Path, pixels: np.ndarray, levels: int) -> None:
     """Write all levels, the finest with the very pixels of the image."""
     if pixels.ndim == 3 and (pixels == pixels[..., :1]).all():
         pixels = pixels[..., 0]  # a third of the bytes
     for level in reversed(range(levels)):
-        aside = place / f"{level}.new"
+        aside = folder / f"{level}.new"
         aside.mkdir(parents=True, exist_ok=True)
         height, width = pixels.shape[:2]
         for y in range(0, height, _TILE_PX):
             for x in range(0, width, _TILE_PX):
                 tile = pixels[y : y + _TILE_PX, x : x + _TILE_PX]
                 write_png(aside / f"{x // _TILE_PX}_{y // _TILE_PX}.png", tile)
-        aside.replace(place / str(level))
+        aside.replace(folder / str(level))
         pixels = _halved(pixels)
 
 
@@ -278,7 +279,8 @@ def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Res
         _histogram("Hit fraction", rows.hit_fraction, ""),
     ]
     if off is not None and camera.pinhole_with_distortion is not None:
-        title, rms = "Left by the pinhole with distortion", camera.pinhole_with_distortion.rms_px
+        title = "Left by the pinhole with distortion"
+        rms = camera.pinhole_with_distortion.rms_px
         lengths = np.hypot(*off.T)
         histograms.append(_histogram(title, lengths, is_logarithmic=True, mark=rms, mark_name="its rms"))
     chosen = np.unique(np.linspace(0, len(rows) - 1, min(_POINTS, len(rows))).astype(int))
@@ -294,7 +296,7 @@ def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Res
 
 
 def _off_pinhole(camera: BuiltCamera) -> np.ndarray | None:
-    """Positions minus those of the equivalent pinhole with distortion, (n, 2) [px]; None of plenoptic cameras."""
+    """Positions minus those of the equivalent pinhole with distortion, (n, 2) [px]; None for plenoptic cameras."""
     pinhole = camera.pinhole_with_distortion
     if pinhole is None or camera.is_plenoptic:
         return None
@@ -303,7 +305,8 @@ def _off_pinhole(camera: BuiltCamera) -> np.ndarray | None:
 
 
 def _off_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
-    rows, off = view.correspondences, np.full((len(view.correspondences), 2), np.nan)
+    rows = view.correspondences
+    off = np.full((len(view.correspondences), 2), np.nan)
     for name, pose in view.poses.pinhole_from_target.items():
         on_target = rows.target == name
         points = np.column_stack([rows[f"target_{axis}_mm"][on_target] for axis in "xyz"])
@@ -321,7 +324,7 @@ def _histogram(
     mark: float | None = None,
     mark_name: str = "the claim",
 ) -> Histogram | None:
-    """A histogram of finite values, or over decades of those above 0; None if there are none."""
+    """A histogram of finite values, or over decades of positive ones; None if there are none."""
     values = values[np.isfinite(values) & ((values > 0) | (not is_logarithmic))]
     if not values.size:
         return None

@@ -46,7 +46,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableData:
-    """The rows of a table by column; `same` holds the columns in which all rows are equal."""
+    """The rows of a table by column; `same` holds the constant columns."""
 
     rows: int
     same: Json
@@ -82,7 +82,7 @@ class Histogram:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Residuals:
-    """Statistics of all rows of a camera; points are at most some thousands of them, evenly taken.
+    """Statistics of all rows of a camera; points are an even selection of at most a few thousand.
 
     `x_px`, `y_px`, `rho_px`: positions and signed blur radii.
     `dx_px`, `dy_px`: position minus that of the equivalent pinhole with distortion; empty where there is none.
@@ -133,7 +133,7 @@ class Optics:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InformationPart:
-    """The words of `pipeline inform` about a camera, and its maps as SVG, empty where the views leave all open."""
+    """The output of `pipeline inform` about a camera: words, and maps as SVG, empty where all is undetermined."""
 
     lines: tuple[str, ...]
     drawing: str
@@ -160,7 +160,7 @@ class CameraPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetPart:
-    """A target: faces as quadrilaterals in the target frame, and the places of their corners on its picture."""
+    """A target: faces as quadrilaterals in the target frame, and their corners on its picture."""
 
     name: str
     kind: str
@@ -199,7 +199,7 @@ class History:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """Everything that the page shows at once; the rest are scripts that it loads when they are looked at."""
+    """Everything that the page shows at once; the rest are scripts that it loads on demand."""
 
     title: str
     stage: str

@@ -1,4 +1,4 @@
-"""The report of a build: what is noted while its tasks run, and the page that is written from that and its folder."""
+"""The report of a build: notes taken while its tasks run, and the page written from them and the folder."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,11 +13,11 @@ from pipeline.plugins.report.records import History, InformationPart, TaskRun
 
 
 class Report:
-    """Listener of one build, which then writes its page; without a build it reports what a folder holds.
+    """Listener of one build, which then writes its page; without a build it reports the content of a folder.
 
     `runs`: runs by task name, in the order in which they ended; times are from the first event.
     `seconds`: time of the last event.
-    `informed`: what `pipeline inform` has just said, by camera.
+    `informed`: latest output of `pipeline inform`, by camera.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class Report:
         )
 
     def inform(self, camera: str, lines: list[str], drawing: str) -> None:
-        """Add what `pipeline inform` says of a camera: its lines, and its maps as SVG."""
+        """Add the output of `pipeline inform` about a camera: its lines, and its maps as SVG."""
         self.informed[camera] = InformationPart(lines=tuple(lines), drawing=drawing)
 
     @property
@@ -62,7 +62,7 @@ class Report:
         """Whether a task ran."""
         return any(run.start_s is not None for run in self.runs.values())
 
-    def write(self, out: Path, place: Path | None = None, *, warn: Callable[[str], None] = say) -> Path:
+    def write(self, out: Path, folder: Path | None = None, *, warn: Callable[[str], None] = say) -> Path:
         """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
 
         If no task ran, the history of an earlier report stays, or is made of the records in the store. It raises as
@@ -70,12 +70,13 @@ class Report:
         """
         from pipeline.plugins.report.page import place_of, stage_of, write_page  # loads the tracer
 
-        where, loaded = place or place_of(out), stage_of(out, warn)
-        is_told = not self.has_run and (where / "data/history.js").is_file()
-        return write_page(out, where, loaded, None if is_told else self._history(out), self.informed)
+        destination = folder or place_of(out)
+        loaded = stage_of(out, warn)
+        is_told = not self.has_run and (destination / "data/history.js").is_file()
+        return write_page(out, destination, loaded, None if is_told else self._history(out), self.informed)
 
     def write_after_build(self, out: Path, *, warn: Callable[[str], None]) -> Path | None:
-        """Write it for a build that has just ended, unless it is there already; its failure fails no build."""
+        """Write the report of a build that has just ended, unless it exists; its failure fails no build."""
         from pipeline.plugins.report.page import INDEX, is_current, place_of
 
         where = place_of(out)
@@ -91,7 +92,8 @@ class Report:
 
     def _history(self, out: Path) -> History:
         """History of all tasks of the manifest: from the notes about a build, and from records of the store."""
-        store, runs = Store(), self.runs if self.has_run else {}
+        store = Store()
+        runs = self.runs if self.has_run else {}
         return History(
             tasks=tuple(_run(store, name, key, runs.get(name)) for name, key in manifest.read(out).tasks.items()),
             seconds=self.seconds if self.has_run else None,

@@ -1,4 +1,4 @@
-"""Colours that a sensor of red, green and blue channels sees: for other programs, and for pictures."""
+"""Colours of a sensor with red, green and blue channels: for other programs, and for pictures."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from pipeline.render.spectral.nodes import Table
 
 PRIMARIES = ("red", "green", "blue")
-"""Colours that make a picture."""
+"""Channels that make a colour picture."""
 DAYLIGHT = "D65"
-"""Light that raw converters expect a camera to be calibrated in."""
+"""Illuminant in which raw converters expect a camera to be calibrated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Colorimetry:
-    """A sensor beside the standard observer."""
+    """A sensor compared with the standard observer."""
 
     illuminant: str  # light of the scene, by its name in `spectra.illuminant`
     # CIE 1931 X, Y and Z of relative irradiances of red, green and blue; white has Y = 1, and 1 in each channel
@@ -31,15 +31,15 @@ class Colorimetry:
 
     @property
     def chromaticities(self) -> tuple[float, ...]:
-        """x and y of red, green, blue and white: the same matrix in the words of OpenEXR."""
+        """Chromaticities x, y of red, green, blue and white: the same matrix in OpenEXR's form."""
         xyz = np.array([*zip(*self.xyz_from_rgb, strict=True), np.sum(self.xyz_from_rgb, axis=1)])
         return tuple((xyz[:, :2] / xyz.sum(axis=1, keepdims=True)).ravel().tolist())
 
 
 def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> Colorimetry | None:
-    """The matrix of the responses of red, green and blue that is right for white and, in least squares, best for a
-    ColorChecker; None if they do not see three colours of what people see. Beside each response is whether it counts
-    photons, or energy.
+    """Colour matrix of the red, green and blue responses: exact for white and, in least squares, best for a
+    ColorChecker. None if the channels do not span three colours of the observer. A flag beside each response says
+    whether it counts photons, or energy.
     """
     from pipeline.render.spectral import spectra
 
@@ -50,17 +50,18 @@ def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> C
         for table, counts_photons in responses
     ]
     patches, observer = spectra.patches_and_observer(nm)
-    seen = observer * power
-    if not (counted.any(axis=1).all() and seen.any()):
+    response = observer * power
+    if not (counted.any(axis=1).all() and response.any()):
         return None
-    xyz, white = patches @ seen.T / seen[1].sum(), seen.sum(axis=1) / seen[1].sum()
+    xyz = patches @ response.T / response[1].sum()
+    white = response.sum(axis=1) / response[1].sum()
     red, green, blue = ((patches @ curve / curve.sum())[:, None] for curve in counted)
     # White fixes the sum of the columns: red and blue count by how they differ from green.
     (by_red, by_blue), *_ = np.linalg.lstsq(np.hstack([red, blue]) - green, xyz - green * white, rcond=None)
     matrix = np.column_stack([by_red, white - by_red - by_blue, by_blue]).round(9)
     if abs(np.linalg.det(matrix)) < 1e-6:  # two channels see alike
         return None
-    of_white = tuple((counted.sum(axis=1) / seen[1].sum()).tolist())
+    of_white = tuple((counted.sum(axis=1) / response[1].sum()).tolist())
     return Colorimetry(illuminant=illuminant, xyz_from_rgb=tuple(map(tuple, matrix.tolist())), counted=of_white)
 
 
@@ -70,10 +71,11 @@ def in_colour(
     first_row: int = 0,
     photons: Mapping[str, float] | None = None,
 ) -> np.ndarray:
-    """Red, green and blue of every pixel of some rows of a mosaic, 1 at the white level, (h, w, 3). Not to be measured.
+    """Demosaicked red, green and blue of some rows of a mosaic, 1 at the white level, (h, w, 3). Not for measurement.
 
-    Missing values are means of those of the same channel less than a period away, by a triangle of distances. Channels
-    are divided by their quantum efficiencies, relative to the best, so that a white scene is grey.
+    Missing values are means over the same channel less than a period away, by a triangle of distances (bilinear
+    interpolation for a Bayer pattern). Channels are divided by their quantum efficiencies, relative to the best, so
+    that a white scene is grey.
 
     `numbers`: digital numbers.
     `first_row`: index in the image of the first of these rows, which decides where the mosaic begins.
@@ -97,12 +99,13 @@ def has_colours(response: SensorResponse) -> bool:
     return set(PRIMARIES) <= set(map(colour_of, response.channels))
 
 
-def _between(values: np.ndarray, known: np.ndarray, period: int) -> np.ndarray:
-    """Values everywhere from those that are known, weighted by a triangle of twice the period."""
+def _between(values: np.ndarray, is_sampled: np.ndarray, period: int) -> np.ndarray:
+    """Values everywhere, interpolated from the sampled pixels by a triangle of twice the period."""
     from scipy.ndimage import convolve1d
 
     weight = np.convolve(np.ones(period), np.ones(period)) / period
-    total, count = np.where(known, values, 0.0), known.astype(float)
+    total = np.where(is_sampled, values, 0.0)
+    count = is_sampled.astype(float)
     for axis in (0, 1):  # nothing lies beyond the border
         total, count = (convolve1d(sums, weight, axis, mode="constant") for sums in (total, count))
-    return np.where(known, values, total / np.maximum(count, 1e-12))
+    return np.where(is_sampled, values, total / np.maximum(count, 1e-12))

@@ -1,8 +1,8 @@
-"""Read-out of a sensor: from expected photons to digital numbers, in the order of stages of EMVA 1288, release 4.0.
+"""Read-out of a sensor: from expected photons to digital numbers, in the stages of EMVA 1288, release 4.0.
 
-Random numbers are a function of (seed, camera, frame, pixel, stage) alone, by the counter-based generator
-Philox4x32-10 (Salmon, Moraes, Dror and Shaw, "Parallel Random Numbers: As Easy as 1, 2, 3", SC 2011). No state: any
-pixel can be computed first, alone, or twice, in any process.
+Random numbers are a function of (seed, camera, frame, pixel, stage) alone, by the counter-based generator Philox4x32-10
+(Salmon, Moraes, Dror and Shaw, "Parallel Random Numbers: As Easy as 1, 2, 3", SC 2011). There is no state: any pixel
+can be computed first, alone, or twice, in any process.
 """
 
 import hashlib
@@ -18,11 +18,11 @@ from pipeline.records.shapes import Float64
 from pipeline.render.sensor.response import PatternSpread, SensorError, SensorResponse
 
 _LOW = np.uint64(0xFFFFFFFF)
-"""The lower 32 bits of a word [1]."""
+"""Mask of the lower 32 bits of a word [1]."""
 _MULTIPLY_0, _MULTIPLY_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)
 """Multipliers of Philox4x32 [1]: the paper chose them for the best diffusion of bits."""
 _ADD_0, _ADD_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
-"""What is added to the key after each round [1]: the golden ratio and sqrt(3) - 1, as the paper has them."""
+"""Increments of the key after each round [1]: the golden ratio and sqrt(3) - 1 as 32-bit fractions, as in the paper."""
 _ROUNDS = 10
 """Rounds [1]: seven pass all tests of the paper; ten are its margin of safety."""
 _SHIFT_32, _SHIFT_6 = np.uint64(32), np.uint64(6)
@@ -44,7 +44,7 @@ as the count."""
 _NEVER = 1e-20
 """Probability below which no further count is tried [1]: random numbers have steps of 2e-16."""
 _MOST = 1e9
-"""Means beyond this are taken as this [e-]: ten times the largest full well, so that none of them is seen."""
+"""Means beyond this are clipped to it [e-]: ten times the largest full well, so that none of them is visible."""
 
 
 class Stream(NamedTuple):
@@ -92,7 +92,8 @@ def uniforms(keys, row, column, stage, draw):
 def normals(keys, row, column, stage):
     """Two independent numbers of mean 0 and variance 1 (Box and Muller 1958)."""
     first, second = uniforms(keys, row, column, stage, 0)
-    radius, angle = math.sqrt(-2.0 * math.log(first)), 2.0 * math.pi * second
+    radius = math.sqrt(-2.0 * math.log(first))
+    angle = 2.0 * math.pi * second
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
@@ -115,7 +116,8 @@ def poisson(keys, row, column, stage, mean):
 
 @inline
 def _by_inversion(mean, level):
-    count, probability = 0.0, math.exp(-mean)
+    count = 0.0
+    probability = math.exp(-mean)
     total = probability
     while level > total and probability > _NEVER:
         count += 1.0
@@ -147,7 +149,7 @@ def _by_rejection(keys, row, column, stage, mean):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shot:
-    """One exposure of a camera, which is named: two cameras of a dataset share no noise. `seed`: of temporal noise."""
+    """One exposure of a named camera: two cameras of a dataset share no noise. `seed`: of temporal noise."""
 
     seed: int
     camera: str
@@ -156,7 +158,7 @@ class Shot:
 
 
 class Chain(NamedTuple):
-    """Numbers of the read-out of one frame."""
+    """Parameters of the read-out of one frame."""
 
     counts: bool
     full_well_e: float
@@ -170,7 +172,7 @@ class Chain(NamedTuple):
 def digital_numbers(
     response: SensorResponse, photons: Mapping[str, np.ndarray], shot: Shot, corner: tuple[int, int] = (0, 0)
 ) -> np.ndarray:
-    """Raw image of a window of the sensor: that window of the raw image of the whole, bit for bit.
+    """Raw image of a window of the sensor: bit for bit that window of the complete raw image.
 
     `photons`, mapping of str to (h + 2 m, w + 2 m) array: mean number of photons in a pixel during the exposure, of
         every channel; with a margin of `response.margin_px` pixels around the window.
@@ -224,7 +226,7 @@ def mosaic(response: SensorResponse, photons: Mapping[str, np.ndarray], corner: 
 def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, ...]) -> np.ndarray:
     """Expected electrons after each pixel has given its neighbours their shares.
 
-    Counts that scatter independently stay Poisson-distributed and independent, so that the mean alone has to be spread.
+    Poisson counts that scatter independently remain independent Poisson counts, so that only the mean has to be spread.
 
     `electrons`: with a margin of m pixels all around, m half the edge of the kernel, rounded down.
     `kernel`: row by row, the share of a pixel's electrons that the pixel there collects.
@@ -242,7 +244,7 @@ def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, 
 
 
 class FixedPattern(NamedTuple):
-    """Differences from pixel to pixel of a specimen, the same in every frame, (h, w) float64 each."""
+    """Pixel-to-pixel differences of a specimen, constant over frames, (h, w) float64 each."""
 
     dark_e: np.ndarray  # difference of the dark signal from its mean, DSNU
     response: np.ndarray  # photo response over its mean, PRNU; 0 of dead pixels
@@ -250,7 +252,7 @@ class FixedPattern(NamedTuple):
 
 
 def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
-    """Maps of a window of the sensor of a camera, by its name."""
+    """Maps of a window of the sensor of a named camera."""
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
     deviations, defects = (spread.dark_e, spread.response), (spread.dead_share, spread.hot_share)
     keys = stream(spread.specimen, camera)
@@ -309,11 +311,12 @@ def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPatter
 
 @inline
 def _bent(chain: Chain, charge):
-    """The signal of a charge by the table of non-linearity [e-]."""
+    """Signal of a charge, by the table of non-linearity [e-]."""
     knots = len(chain.nonlinear_at)
     if knots == 0:
         return charge
-    share, n = charge / chain.full_well_e, 1
+    share = charge / chain.full_well_e
+    n = 1
     if share <= chain.nonlinear_at[0]:
         return charge * (1.0 + chain.nonlinear_by[0])
     while n < knots and chain.nonlinear_at[n] < share:
@@ -321,5 +324,5 @@ def _bent(chain: Chain, charge):
     if n == knots:
         return charge * (1.0 + chain.nonlinear_by[knots - 1])
     low, high = chain.nonlinear_at[n - 1], chain.nonlinear_at[n]
-    way = (share - low) / (high - low)
-    return charge * (1.0 + (1.0 - way) * chain.nonlinear_by[n - 1] + way * chain.nonlinear_by[n])
+    fraction = (share - low) / (high - low)
+    return charge * (1.0 + (1.0 - fraction) * chain.nonlinear_by[n - 1] + fraction * chain.nonlinear_by[n])

@@ -10,7 +10,7 @@ from pipeline.records.declared import settle
 
 
 class SensorError(PipelineError):
-    """A sensor that cannot be, or light that it cannot take."""
+    """An impossible sensor, or light that it cannot record."""
 
 
 _SUM_OF_KERNEL = 1e-6
@@ -34,12 +34,12 @@ class PatternSpread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorResponse:
-    """Parameters of a sensor, as a report by the standard EMVA 1288 states them; what is left out is off.
+    """Parameters of a sensor as an EMVA 1288 report states them; an effect whose parameter is missing is off.
 
     Fields are annotated with their attributes in a stage.
 
     `dsnu_e`, `prnu` and those of rows and columns: standard deviations of the dark signal, and of the photo response
-        relative to its mean, the same in every frame.
+        relative to its mean, constant over frames.
 
     Source: EMVA Standard 1288, Standard for Characterization of Image Sensors and Cameras, Release 4.0 Linear, 2021.
     """
@@ -97,7 +97,9 @@ class SensorResponse:
         _require(len({value is None for value in temperatures}) == 1, "some but not all temperatures of a dark current")
 
     def _settle_filters(self) -> None:
-        count, channels, given = len(self.filters), len(self.channels), self.quantum_efficiency
+        count = len(self.filters)
+        channels = len(self.channels)
+        given = self.quantum_efficiency
         _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
         message = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
         _require(len(given) == channels, message, f"one for each of: {', '.join(self.channels)}")
@@ -108,7 +110,8 @@ class SensorResponse:
         message = f"a non-linearity at the shares {shares}, which do not ascend from 0 to 1"
         _require(ascending, message, "each pair is a share of the full well and the deviation there")
         if self.crosstalk:
-            size, total = len(self.crosstalk), math.fsum(self.crosstalk)
+            size = len(self.crosstalk)
+            total = math.fsum(self.crosstalk)
             _require(size % 2 == 1 and _is_square(size), f"a crosstalk kernel of {size} entries, not n x n, n odd")
             message = f"a crosstalk kernel whose sum is {total:.9g}, not 1"
             _require(abs(total - 1) <= _SUM_OF_KERNEL, message, "divide its entries by their sum")
@@ -132,12 +135,12 @@ class SensorResponse:
 
     @property
     def period_px(self) -> int:
-        """Edge of the square of filters that repeats."""
+        """Edge of the repeating square of filters."""
         return math.isqrt(len(self.filters))
 
     @property
     def margin_px(self) -> int:
-        """Pixels around a window that the crosstalk into the window comes from."""
+        """Width of the border around a window from which crosstalk enters it."""
         return math.isqrt(len(self.crosstalk)) // 2 if self.crosstalk else 0
 
     @property
@@ -147,12 +150,12 @@ class SensorResponse:
 
     @property
     def saturation_e(self) -> float:
-        """Electrons beyond which a pixel's digital number grows no more: a full well, or the largest number [e-]."""
+        """Charge at which the digital number stops growing: the full well, or the largest number [e-]."""
         return min(self.full_well_e, (self.most_dn - self.black_level_dn) / self.gain_dn_per_e)
 
     @property
     def white_dn(self) -> int:
-        """Digital number of saturation without noise."""
+        """Noise-free digital number at saturation."""
         return min(self.most_dn, math.floor(self.black_level_dn + self.gain_dn_per_e * self.full_well_e + 0.5))
 
     def dark_current(self) -> float:
@@ -166,7 +169,7 @@ class SensorResponse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Radiance:
-    """Light before a lens, of one wavelength, or as a channel of a sensor counts it."""
+    """Light before a lens, of one wavelength, or as a channel of a sensor weighs it."""
 
     w_per_m2_sr: float  # radiance of what the linear image calls 1 [W m^-2 sr^-1]; for a channel between 380 and 780 nm
     # the wavelength; for a channel that of light of which a joule has as many photons as count in the channel for a
@@ -180,7 +183,7 @@ class Radiance:
         settle(self, SensorError)
 
     def photons(self, energy_j: float) -> float:
-        """Number of photons of an energy [J] that count."""
+        """Number of photons in an energy [J] that count."""
         return energy_j * self.effective_nm * 1e-9 / (PLANCK_J_S * LIGHT_M_PER_S)
 
 
@@ -203,15 +206,15 @@ class Irradiation:
         settle(self, SensorError)
         if [self.white_level, self.photon_rate, self.radiance, self.channels or None].count(None) != 3:
             raise SensorError(
-                "the exposure is stated in no way, or in several",
+                "the exposure is not stated, or stated more than once",
                 hint="give one of white_level, photon_rate, radiance and channels",
             )
 
     def photons_at_one(self, response: SensorResponse, rate: float | None = None) -> float:
         """Mean number of photons in a pixel at relative irradiance 1.
 
-        `rate` is that of `render.radiometry.photon_rate`, of a channel if there are any, where the exposure is one by
-        radiance.
+        `rate` is that of `render.radiometry.photon_rate`, or of a channel if there are any, when the exposure is given
+        by radiance.
         """
         if self.radiance is not None or self.channels:
             if rate is None:

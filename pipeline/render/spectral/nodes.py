@@ -1,4 +1,4 @@
-"""Wavelengths that stand for a spectrum: a quadrature of Gauss for products of tables, and slices of equal weight."""
+"""Wavelengths that represent a spectrum: Gauss quadrature for products of tables, and slices of equal weight."""
 
 import numpy as np
 
@@ -7,11 +7,11 @@ from pipeline.errors import PipelineError
 from pipeline.records.shapes import Float64
 
 _STEP_NM = 5.0
-"""Longest piece of a table that is integrated at once [nm]: eight points on each, exact to the fifteenth degree."""
+"""Longest piece of a table that is integrated at once [nm]: eight Gauss points on each, exact to degree 15."""
 _GRID_NM = 5.0
-"""Step of published reflectances and of the spectra of sRGB [nm]: means of what is linear between are exact."""
+"""Step of published reflectances and of the spectra of sRGB [nm]: means of piecewise linear functions are exact."""
 SLICES = 8
-"""Slices of the stretch of each wavelength [1]: for light that is reflected more than once, see docs/colour.md."""
+"""Slices of each wavelength's interval [1]: for light that is reflected more than once, see docs/colour.md."""
 
 Table = tuple[np.ndarray, np.ndarray]
 """Wavelengths (m,) [nm], ascending, and values (m,) at them; linear in between."""
@@ -26,7 +26,8 @@ class SpectrumError(PipelineError):
 def gauss_nodes(points: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Wavelengths and shares for integrals over a spectrum: exact for polynomials of a degree below twice their number.
 
-    By the procedure of Stieltjes and the eigenvalues of Jacobi's matrix (Golub and Welsch, 1969).
+    The recurrence comes from the Stieltjes procedure, nodes and shares from the eigenvalues and eigenvectors of the
+    Jacobi matrix: Golub and Welsch, "Calculation of Gauss Quadrature Rules", Mathematics of Computation 23 (1969) 221.
 
     `points`: points of a spectrum, from `points_of`.
     Returns (count,), (count,) float64: ascending wavelengths [nm], and shares, which sum up to 1.
@@ -39,18 +40,20 @@ def gauss_nodes(points: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, ...]:
-    """Slices of the stretches, one after the other, that make up the shares of a spectrum.
+    """Slices of the consecutive intervals whose weights are the shares of a spectrum.
 
-    Shares of Gauss cut it so that each wavelength lies in its own stretch (Chebyshev, Markov and Stieltjes). Values at
-    the wavelengths of a slice give the exact mean over it of what is linear between multiples of 5 nm.
+    Gauss shares cut the spectrum so that each node lies in its own interval (separation theorem of Chebyshev, Markov
+    and Stieltjes). Values at the wavelengths of a slice give the exact mean over it of functions that are linear
+    between multiples of 5 nm.
     """
     point, weight = points
     ends, cuts = (
         np.concatenate([[0.0], np.cumsum(parts) / parts.sum()]) for parts in (weight, np.repeat(shares, SLICES))
     )
     inside = np.diff(np.clip(ends, cuts[:-1, None], cuts[1:, None]), axis=1)
-    place = point / _GRID_NM - np.floor(point[0] / _GRID_NM)
-    before, above = place.astype(np.int64), place % 1.0
+    phase = point / _GRID_NM - np.floor(point[0] / _GRID_NM)
+    before = phase.astype(np.int64)
+    above = phase % 1.0
     grid_nm = _GRID_NM * (np.floor(point[0] / _GRID_NM) + np.arange(before[-1] + 2))
     near = [np.bincount(before, row * (1.0 - above), len(grid_nm)) for row in inside]
     far = [np.bincount(before + 1, row * above, len(grid_nm)) for row in inside]
@@ -59,7 +62,7 @@ def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, 
 
 
 def points_of(*tables: Table, counts_photons: bool = False) -> Table:
-    """Points all over the product of tables where all are known, and the weight that each stands for.
+    """Points over the common range of tables, and the weight of each in the integral of their product.
 
     `counts_photons`: one of them is a response per photon and another one a power: the wavelength is a factor, too.
     Raises SpectrumError: one of them is no spectrum, they have no wavelength in common, or the product is 0 everywhere.
@@ -77,7 +80,8 @@ def points_of(*tables: Table, counts_photons: bool = False) -> Table:
     spans = zip(entries[:-1], entries[1:], pieces, strict=True)
     marks = np.concatenate([entries[:1], *(np.linspace(a, b, parts + 1)[1:] for a, b, parts in spans)])
     half = np.diff(marks)[:, None] / 2
-    point, weight = (marks[:-1, None] + half * (node + 1)).ravel(), (half * part).ravel()
+    point = (marks[:-1, None] + half * (node + 1)).ravel()
+    weight = (half * part).ravel()
     for table in tables:
         weight = weight * np.interp(point, *table)
     weight = weight * point if counts_photons else weight
@@ -96,20 +100,23 @@ def require_spectrum(wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[n
 
 def _slice(grid_nm: np.ndarray, weight: np.ndarray) -> Slice:
     weight = weight if weight.any() else np.ones(len(weight))  # too little light for a float, so that any colour does
-    some = np.flatnonzero(weight > 0)
-    shares = weight[some] / weight.sum()
-    return Slice(wavelengths_nm=tuple(grid_nm[some].tolist()), shares=tuple(shares.tolist()))
+    lit = np.flatnonzero(weight > 0)
+    shares = weight[lit] / weight.sum()
+    return Slice(wavelengths_nm=tuple(grid_nm[lit].tolist()), shares=tuple(shares.tolist()))
 
 
 def _recurrence(x: np.ndarray, share: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of the three-term recurrence of the orthonormal polynomials of a discrete weight."""
+    """Recurrence coefficients of the orthonormal polynomials of a discrete weight: the Stieltjes procedure.
+
+    Source: W. Gautschi, "Orthogonal Polynomials: Computation and Approximation", Oxford 2004, section 2.2.3.
+    """
     diagonal, beside = np.empty(count), np.empty(count - 1)
-    before, here = np.zeros_like(x), np.ones_like(x)
+    previous, current = np.zeros_like(x), np.ones_like(x)
     for number in range(count):
-        diagonal[number] = share @ (x * here**2)
+        diagonal[number] = share @ (x * current**2)
         if number == count - 1:
             break
-        following = (x - diagonal[number]) * here - (beside[number - 1] if number else 0.0) * before
+        following = (x - diagonal[number]) * current - (beside[number - 1] if number else 0.0) * previous
         beside[number] = np.sqrt(share @ following**2)
-        before, here = here, following / beside[number]
+        previous, current = current, following / beside[number]
     return diagonal, beside

@@ -1,4 +1,4 @@
-"""Previews: the pictures with 8 bits that lie beside linear images."""
+"""Previews: pictures of 8 bits beside linear images."""
 
 import numpy as np
 
@@ -8,8 +8,8 @@ from pipeline.records.shapes import Float64, Num
 def srgb_encoded(linear: Float64[np.ndarray, "..."]) -> np.ndarray:
     """Values in [0, 1] encoded with the transfer function of sRGB, (...) float64.
 
-    colour-science has the same function, with the same bits. Importing it takes a second and a half of processor time
-    in each worker process, and most images need nothing else of it.
+    colour-science has this function, with the same bits. Importing it takes a second and a half of processor time in
+    each worker process, and most images need nothing else of it.
 
     Source: IEC 61966-2-1:1999, sRGB.
     """
@@ -20,7 +20,7 @@ def srgb_preview(irradiance: Num[np.ndarray, "h w"], white: float) -> np.ndarray
     """A neutral picture of a monochromatic image, encoded with the transfer function of sRGB.
 
     `irradiance`: linear and relative, finite.
-    `white`: the irradiance that is shown as white; more is clipped, and so is less than 0.
+    `white`: the irradiance that is shown as white; values above it and below 0 are clipped.
     Returns (h, w, 3) uint8: the three components are equal.
     Raises ValueError: a pixel is not finite or `white` is not a positive number.
     """

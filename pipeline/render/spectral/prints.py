@@ -1,4 +1,4 @@
-"""Spectra of ink and paper, and what they make of the black and the white of a target."""
+"""Spectra of ink and paper, and the black and white that they give a target."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -10,7 +10,7 @@ from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import AnyTarget
 
 Colours = tuple[tuple[tuple[float, float], ...], ...]
-"""Radiance or reflectance of black and of white in each slice of each wavelength; empty: as the target has them."""
+"""Radiance or reflectance of black and of white in each slice of each wavelength; empty: unchanged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +33,7 @@ class Print:
     paper: Spectrum = field(default_factory=Spectrum)
 
     def colours(self, target: AnyTarget, lights: Sequence[Slices]) -> Colours:
-        """Black and white of a target in some lights: spectra times its white, or what it has itself."""
+        """Black and white of a target in some lights: its spectra times its white, or its own values."""
         if isinstance(target, MeshTarget) or self == Print():
             return ()
         white, black = target.pattern.white, target.pattern.black

@@ -1,4 +1,4 @@
-"""Spectra of lamps and of sensors that colour-science knows by name."""
+"""Spectra of illuminants and of sensors, by their names in colour-science."""
 
 import re
 import warnings
@@ -23,10 +23,10 @@ EQUAL_ENERGY = "E"
 _COLOURCHECKER = "ColorChecker N Ohta"
 _BLACK_BODY = re.compile(r"(\d+(?:\.\d+)?) ?K")
 _BLACK_BODY_NM = np.arange(150.0, 20001.0, 5.0)
-"""Wavelengths of the table of a black body [nm]: all that a stage can ask for, and smooth between two of them."""
+"""Wavelengths of the table of a black body [nm]: all that a stage can ask for, and smooth between neighbours."""
 
 VISIBLE_NM = (380.0, 780.0)
-"""Range over which the radiance of light with a spectrum is counted [nm]: what people see of it."""
+"""Range over which the radiance of light with a spectrum is integrated [nm]: the visible one."""
 
 
 def illuminant(name: str) -> Table:
@@ -43,7 +43,7 @@ def illuminant(name: str) -> Table:
             raise SpectrumError(f"a black body of {name}", hint=hint, code="unknown-illuminant")
         energy = np.asarray(planck_law(_BLACK_BODY_NM * 1e-9, float(match[1])))
         return _BLACK_BODY_NM, energy / energy.max()
-    spectrum = SDS_ILLUMINANTS[_known(name, list(SDS_ILLUMINANTS), "illuminant")]
+    spectrum = SDS_ILLUMINANTS[_existing(name, list(SDS_ILLUMINANTS), "illuminant")]
     return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
@@ -52,7 +52,7 @@ def sensitivity(camera: str, component: str) -> Table:
     `colour.MSDS_CAMERA_SENSITIVITIES`. Raises SpectrumError: there is no such camera.
     """
     cameras = [name for name, curves in MSDS_CAMERA_SENSITIVITIES.items() if component in curves.labels]
-    table = MSDS_CAMERA_SENSITIVITIES[_known(camera, cameras, "camera")]
+    table = MSDS_CAMERA_SENSITIVITIES[_existing(camera, cameras, "camera")]
     wavelengths = np.asarray(table.wavelengths, float)
     response = np.maximum(np.asarray(table.values, float)[:, table.labels.index(component)], 0.0)
     return wavelengths, response
@@ -61,12 +61,12 @@ def sensitivity(camera: str, component: str) -> Table:
 def reflectance(patch: str) -> Table:
     """Reflectance of a patch of the ColorChecker as N. Ohta measured it; SpectrumError: there is no such patch."""
     patches = SDS_COLOURCHECKERS[_COLOURCHECKER]
-    spectrum = patches[_known(patch, list(patches), "patch")]
+    spectrum = patches[_existing(patch, list(patches), "patch")]
     return np.asarray(spectrum.wavelengths, float), np.asarray(spectrum.values, float)
 
 
 def effective_nm(response: Table, light: Table, counts_photons: bool = True) -> float:
-    """Wavelength of which a joule has as many photons as count by a relative response for a joule of a light [nm].
+    """Wavelength at which a joule has as many photons as a relative response counts per joule of a light [nm].
 
     The joule is counted between `VISIBLE_NM`: the result is the integral of S r lambda over that of S.
 
@@ -81,10 +81,10 @@ def effective_nm(response: Table, light: Table, counts_photons: bool = True) -> 
 
 
 def weights_of_rgb(light: Slice) -> np.ndarray:
-    """Weights of the linear components of sRGB in a slice of light, (3,), whose sum is 1: a colour stands for the
-    spectrum weights @ rgb, and white for 1 everywhere.
+    """Weights of the linear components of sRGB in a slice of light, (3,), whose sum is 1: a colour has the spectrum
+    weights @ rgb, and white is 1 everywhere.
 
-    Beyond 380 and 780 nm they stay as they are there.
+    Beyond 380 and 780 nm they are constant.
 
     Source: Mallett and Yuksel, "Spectral Primary Decomposition for Rendering with sRGB Reflectance", EGSR 2019.
     """
@@ -99,11 +99,11 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
     table = MSDS_CMFS["CIE 1931 2 Degree Standard Observer"]
     curves = [(table.wavelengths, values) for values in np.asarray(table.values).T]
     patches = [reflectance(name) for name in SDS_COLOURCHECKERS[_COLOURCHECKER]]
-    sampled = [np.array([np.interp(wavelengths_nm, *curve) for curve in some]) for some in (patches, curves)]
+    sampled = [np.array([np.interp(wavelengths_nm, *curve) for curve in tables]) for tables in (patches, curves)]
     return sampled[0], sampled[1]
 
 
-def _known(name: str, names: list[str], kind: str) -> str:
+def _existing(name: str, names: list[str], kind: str) -> str:
     if name in names:
         return name
     best = nearest(name, names)

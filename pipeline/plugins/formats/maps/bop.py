@@ -38,9 +38,9 @@ FORMAT = Format(
 )
 
 _DEEPEST, _WHITE = 65535, 255
-"""Largest numbers of images of depth and of masks."""
+"""Largest pixel values of depth images and of masks."""
 _NO_BOX = [-1] * 4
-"""Box of an object of which nothing is seen."""
+"""Box of an invisible object."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -48,35 +48,37 @@ def write(material: Material, folder: Path) -> None:
     (folder / "dataset_info.md").write_text("\n".join([*_info(material), ""]), encoding="utf-8")
     scene = material.scene()
     for scene_number, camera in enumerate(material.cameras):
-        place = folder / f"{scene_number:06d}"
+        scene_folder = folder / f"{scene_number:06d}"
         for name in ("depth", "mask", "mask_visib"):
-            (place / name).mkdir(parents=True)
+            (scene_folder / name).mkdir(parents=True)
         records: dict[str, Json] = {name: {} for name in ("scene_camera", "scene_gt", "scene_gt_info")}
-        with traced(camera, place) as pixels:
+        with traced(camera, scene_folder) as pixels:
             for frame in material.frames[camera.name]:
                 views = [view for view in material.of(camera) if view.frame == frame]
                 first_mm = distances_mm(camera, scene, frame, pixels.rays)
-                scale = _write_depth(camera, pixels.rays, first_mm, place / f"depth/{frame:06d}.png")
+                scale = _write_depth(camera, pixels.rays, first_mm, scene_folder / f"depth/{frame:06d}.png")
                 infos = []
                 for number, view in enumerate(views):
                     alone_mm = distances_mm(camera, scene, frame, pixels.rays, view.target)
-                    seen = np.isfinite(alone_mm), alone_mm <= first_mm
-                    for name, mask in zip(("mask", "mask_visib"), seen, strict=True):
-                        write_png(place / f"{name}/{frame:06d}_{number:06d}.png", (mask * _WHITE).astype(np.uint8))
-                    infos.append(_counts(*seen))
+                    masks = np.isfinite(alone_mm), alone_mm <= first_mm
+                    for name, mask in zip(("mask", "mask_visib"), masks, strict=True):
+                        write_png(
+                            scene_folder / f"{name}/{frame:06d}_{number:06d}.png", (mask * _WHITE).astype(np.uint8)
+                        )
+                    infos.append(_counts(*masks))
                 records["scene_camera"][str(frame)] = {"cam_K": _matrix(camera).ravel(), "depth_scale": scale}
                 records["scene_gt"][str(frame)] = [_pose(number, view) for number, view in enumerate(views, 1)]
                 records["scene_gt_info"][str(frame)] = infos
         for name, record in records.items():
-            write_json(place / f"{name}.json", record)
+            write_json(scene_folder / f"{name}.json", record)
 
 
 def _info(material: Material) -> Iterator[str]:
     yield from (f"- {line}" for line in material.remarks)
     yield from (f"- object {number}: {target.name}" for number, target in enumerate(material.targets, 1))
     for number, camera in enumerate(material.cameras):
-        place = f"frames/<number>/{folder_of(camera.name)}/image.png"
-        yield f"- scene {number:06d}: {camera.name}, whose rgb/<number>.png is {place} of the build"
+        path = f"frames/<number>/{folder_of(camera.name)}/image.png"
+        yield f"- scene {number:06d}: {camera.name}, whose rgb/<number>.png is {path} of the build"
 
 
 def _matrix(camera: ExportCamera) -> np.ndarray:
@@ -90,19 +92,22 @@ def _pose(number: int, view: ExportView) -> Json:
 
 
 def _write_depth(camera: ExportCamera, rays: np.ndarray, first_mm: np.ndarray, path: Path) -> float:
-    """Write z before the centre of projection, 0 where there is nothing; returns the mm of a step, the finest here."""
+    """Write z before the centre of projection, 0 where there is nothing; returns the mm per step, the finest here."""
     z_mm = np.nan_to_num(rays[..., 2] + first_mm * rays[..., 5] - camera.model.centre_mm[2])
     scale = float(z_mm.max()) / _DEEPEST or 1.0
     write_png(path, np.round(z_mm / scale).astype(np.uint16))
     return scale
 
 
-def _counts(whole: np.ndarray, visible: np.ndarray) -> Json:
-    """Pixels and boxes of a silhouette in the image, and of what is seen of it; widths as bop_toolkit has them."""
-    count, seen = int(whole.sum()), int(visible.sum())
-    boxes = {"bbox_obj": _box(whole) if seen else _NO_BOX, "bbox_visib": _box(visible) if seen else _NO_BOX}
-    counts = {"px_count_all": count, "px_count_valid": count, "px_count_visib": seen}
-    return {**boxes, **counts, "visib_fract": seen / count if count else 0.0}
+def _counts(silhouette: np.ndarray, visible: np.ndarray) -> Json:
+    """Pixel counts and boxes of a silhouette and of its visible part; widths as in bop_toolkit."""
+    count, visible_count = int(silhouette.sum()), int(visible.sum())
+    boxes = {
+        "bbox_obj": _box(silhouette) if visible_count else _NO_BOX,
+        "bbox_visib": _box(visible) if visible_count else _NO_BOX,
+    }
+    counts = {"px_count_all": count, "px_count_valid": count, "px_count_visib": visible_count}
+    return {**boxes, **counts, "visib_fract": visible_count / count if count else 0.0}
 
 
 def _box(mask: np.ndarray) -> list[int]:

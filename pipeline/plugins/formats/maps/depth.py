@@ -1,4 +1,4 @@
-"""Depth of each pixel: how far before the camera the first surface is that its ray meets, an EXR file per frame."""
+"""Depth of each pixel: vision z of the first surface that its ray meets, an EXR file per frame."""
 
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,8 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         (folder / camera.name).mkdir()
         with traced(camera, folder) as pixels:
-            shape, attributes = pixels.rays.shape[:2], about(material, camera)
+            shape = pixels.rays.shape[:2]
+            attributes = about(material, camera)
             for frame in material.frames[camera.name]:
                 rows = partial(_rows, camera, scene, frame, pixels.rays)
                 part = BandedPart(name="depth", shape=shape, channels=("Z",), rows=rows, attributes=attributes)

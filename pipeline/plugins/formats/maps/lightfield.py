@@ -1,8 +1,8 @@
-"""Light fields of plenoptic images: a view per place in the micro-images, with a pixel per microlens.
+"""Light fields of plenoptic images: a view per micro-image offset, with a pixel per microlens.
 
 A view (v, u) holds the light at the same offset from the centre of every micro-image. Rows of a hexagonal array are
 shifted by half a micro-image every other time: there a pixel is the mean of its two neighbours, so that views have
-square grids of columns and rows. White views of a white scene are beside them: image over white has no vignetting.
+square grids of columns and rows. Views of a white scene are beside them: image over white has no vignetting.
 """
 
 from pathlib import Path
@@ -34,7 +34,8 @@ def write(material: Material, folder: Path) -> None:
     """Write an npz per camera and frame."""
     for camera in material.cameras:
         (folder / camera.name).mkdir()
-        grid, white = _Grid(camera), camera.built.white_path
+        grid = _Grid(camera)
+        white = camera.built.white_path
         for view in camera.built.views:
             if view.image_path is None:
                 raise ExportError(f"the build has no image.exr of {camera.name} in frame {view.frame}")
@@ -81,7 +82,7 @@ class _Grid:
 
 
 def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
-    """A view whose lines 0, 2, … stood half a step farther along an axis: there the mean of two neighbours."""
+    """A view whose lines 0, 2, … lie half a step farther along an axis, resampled as the mean of two neighbours."""
     lines = np.moveaxis(view, axis, 1)
     straight = lines.copy()
     before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)

@@ -46,5 +46,6 @@ def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: Tra
         parts = [part[first:end] for part in (pixels.rays, pixels.microlenses) if part is not None]
         return np.concatenate(parts, axis=-1)
 
-    shape, attributes = pixels.rays.shape[:2], about(material, camera)
+    shape = pixels.rays.shape[:2]
+    attributes = about(material, camera)
     write_bands(path, [BandedPart(name="rays", shape=shape, channels=names, rows=rows, attributes=attributes)])

@@ -1,12 +1,12 @@
-"""ST maps for compositors: two channels that say for each pixel of a picture where in another one to look.
+"""ST maps for compositors: two channels that say for each pixel of a picture where to look in another one.
 
-`undistort` makes the image of an ideal pinhole of a camera's image, `distort` the other way round. Red is s, green is
-t. A pixel for which there is no light has -1. With a shutter `undistort` has a second part: when the camera exposes
-what a pixel of the ideal image shows.
+`undistort` makes the image of an ideal pinhole out of a camera's image, `distort` the reverse. Red is s, green is t. A
+pixel without a source has -1. With a shutter `undistort` has a second part: the time at which the camera exposes the
+source of a pixel of the ideal image.
 
 Rays of a lens do not meet in one centre, so such a map holds at one distance: the points of the rays of positions on a
-plane, seen from the centre of the equivalent pinhole with its principal distance. Between traced positions the map is
-a spline; its error at other positions is measured and stated.
+plane, seen from the centre of the equivalent pinhole with its principal distance. Between traced positions the map is a
+spline; its error at other positions is measured and stated.
 """
 
 from collections.abc import Callable
@@ -35,9 +35,9 @@ FORMAT = Format(
 )
 
 There = Callable[[np.ndarray], np.ndarray]
-"""Positions (n, 2) in the other picture of positions (n, 2); NaN where there is none."""
+"""Function from positions (n, 2) in one picture to positions (n, 2) in the other; NaN where there is none."""
 _NOWHERE = -1
-"""Value of a pixel that has no place in the other picture: outside of both, and a number, which compositors want."""
+"""Value of a pixel without a source: outside of both pictures, and a number, which compositors require."""
 _COLUMNS, _ROWS = 49, 37
 """Traced positions along x and y: distortion of lenses is smooth over a cell."""
 _MARGIN = 0.05
@@ -49,7 +49,7 @@ _JUDGED = 64
 _STEPS, _SETTLED_PX = 30, 1e-9
 """Most steps of Newton's method for the inverse, and the length of a step that ends it [px]."""
 _FOUND_PX = 1e-6
-"""Distance from the wanted position that a solution may have [px]."""
+"""Largest residual of an accepted solution [px]."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -74,7 +74,7 @@ def _part(
 
 
 def _times(camera: ExportCamera, shutter: Shutter, there: There, first: int, end: int) -> np.ndarray:
-    """Rows of the middle of the exposure [s] of what each pixel shows; NaN where that is nothing."""
+    """Mid-exposure times [s] of the sources of the pixels of rows; NaN where there is none."""
     return shutter.middle_s(there(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)
 
 
@@ -85,7 +85,7 @@ def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
 
 
 def _rows(camera: ExportCamera, there: There, first: int, end: int) -> np.ndarray:
-    """Rows of a map: s and t of where each pixel looks."""
+    """Rows of a map: s and t of each pixel's source."""
     places = camera.rays.positions(there(_pixels(camera, first, end)))
     return np.where(np.isnan(places), _NOWHERE, places).reshape(end - first, -1, 2)
 
@@ -101,19 +101,20 @@ class _IdealMap:
     splines: tuple[Any, ...]  # shifts along x and y from a position of the camera to that of the ideal image
 
     def to_ideal(self, x_px: np.ndarray) -> np.ndarray:
-        """Positions in the ideal image of positions (n, 2) of the camera; NaN outside of what was traced."""
+        """Positions in the ideal image of positions (n, 2) of the camera; NaN outside of the traced area."""
         inside = np.all((x_px >= self.low) & (x_px <= self.high), axis=1, keepdims=True)
         return np.where(inside, x_px + self._shift(x_px), np.nan)
 
     def to_real(self, u_px: np.ndarray) -> np.ndarray:
         """Positions in the camera of positions (n, 2) of the ideal image; NaN where there is none."""
-        x, rows = np.clip(u_px, self.low, self.high), np.arange(len(u_px))
+        x = np.clip(u_px, self.low, self.high)
+        rows = np.arange(len(u_px))
         for _ in range(_STEPS):
-            here = x[rows]
-            miss = here + self._shift(here) - u_px[rows]
-            slopes = np.stack([self._shift(here, dx=1), self._shift(here, dy=1)], axis=2) + np.eye(2)
-            x[rows] = np.clip(here - np.linalg.solve(slopes, miss[:, :, None])[:, :, 0], self.low, self.high)
-            rows = rows[np.abs(x[rows] - here).max(axis=1) > _SETTLED_PX]  # those at the edge stay there, too
+            current_px = x[rows]
+            miss = current_px + self._shift(current_px) - u_px[rows]
+            slopes = np.stack([self._shift(current_px, dx=1), self._shift(current_px, dy=1)], axis=2) + np.eye(2)
+            x[rows] = np.clip(current_px - np.linalg.solve(slopes, miss[:, :, None])[:, :, 0], self.low, self.high)
+            rows = rows[np.abs(x[rows] - current_px).max(axis=1) > _SETTLED_PX]  # those at the edge stay there, too
             if not len(rows):
                 break
         is_found = np.abs(x + self._shift(x) - u_px).max(axis=1) < _FOUND_PX

@@ -25,7 +25,7 @@ class TracedPixels:
 
 @contextmanager
 def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
-    """Rays of a camera; the file in the folder goes afterwards."""
+    """Rays of a camera, in a temporary file in the folder."""
     width, height = camera.size_px
     scratch = folder / f"{camera.name}.scratch.npy"
     rays = np.lib.format.open_memmap(scratch, "w+", np.float64, (height, width, 6))
@@ -44,7 +44,7 @@ def traced(camera: ExportCamera, folder: Path) -> Iterator[TracedPixels]:
 def distances_mm(
     camera: ExportCamera, scene: SeenScene, frame: int, rays: np.ndarray, only: str | None = None
 ) -> np.ndarray:
-    """Ways of the rays of all pixels to what they meet, (h, w)."""
+    """Distances along the rays of all pixels to the first surface, (h, w)."""
     height, width = rays.shape[:2]
     parts = []
     for first, end in bands(height, AT_ONCE // width):
@@ -54,7 +54,7 @@ def distances_mm(
 
 
 def about(material: Material, camera: ExportCamera) -> dict[str, str | float | int]:
-    """Attributes of a file: remarks line by line, and the first and the last pixel as the format counts them."""
+    """Attributes of a file: remarks line by line, and the first and the last pixel in the format's coordinates."""
     remarks = {f"remark{number}": line for number, line in enumerate(material.remarks)}
     (first_x, first_y), (last_x, last_y) = camera.rays.ends.tolist()
     return {**remarks, "first_x": first_x, "first_y": first_y, "last_x": last_x, "last_y": last_y}

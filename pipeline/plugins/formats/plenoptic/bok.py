@@ -1,6 +1,6 @@
 """Bok 2017 and Nousias 2017 (MATLAB): centres of micro-images, their neighbours, and corners with their centres.
 
-`correspondencesAll_<frame>.mat` is where exact corners enter the calibration of Nousias.
+`correspondencesAll_<frame>.mat` is the file through which exact corners enter the calibration of Nousias.
 """
 
 from pathlib import Path
@@ -39,24 +39,26 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         images, mesh = camera.array
         if mesh.layout != "hexagonal":
-            raise ExportError(f"bok knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
-        place = folder / camera.name
-        place.mkdir()
+            raise ExportError(f"bok supports only hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
+        camera_folder = folder / camera.name
+        camera_folder.mkdir()
         remarks = {"remarks": np.array(material.remarks, dtype=object)}
-        write_mat(place / "microlens_center_list.mat", {**_centres(camera), **remarks})
+        write_mat(camera_folder / "microlens_center_list.mat", {**_centres(camera), **remarks})
         types = {f"type{number}_struct": images.centres[images.types == number].T for number in np.unique(images.types)}
-        write_mat(place / "lens_types.mat", {**types, **remarks})
+        write_mat(camera_folder / "lens_types.mat", {**types, **remarks})
         for view in material.of(camera):
             rows = _correspondences(material, images, view.observations)
-            write_mat(place / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
-        (place / "image_center.txt").write_text(" ".join(map(repr, camera.axis.tolist())) + "\n", encoding="utf-8")
-        (place / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
+            write_mat(camera_folder / f"correspondencesAll_{view.frame:04d}.mat", {"correspondences": rows, **remarks})
+        (camera_folder / "image_center.txt").write_text(
+            " ".join(map(repr, camera.axis.tolist())) + "\n", encoding="utf-8"
+        )
+        (camera_folder / "pattern_size.txt").write_text(f"{material.board.column_step!r}\n", encoding="utf-8")
 
 
 def _centres(camera: ExportCamera) -> dict[str, Any]:
     images, mesh = camera.array
-    known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
-    connection = [[known.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in known.items()]
+    index_of = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist(), 1)}
+    connection = [[index_of.get((k + dk, l + dl), row) for dk, dl in _NEIGHBOURS] for (k, l), row in index_of.items()]
     return {
         "center_list": images.centres.T,
         "center_connection": np.array(connection, dtype=np.float64).T,
@@ -67,7 +69,7 @@ def _centres(camera: ExportCamera) -> dict[str, Any]:
 
 def _correspondences(material: Material, images: MicroImages, observations: Any) -> np.ndarray:
     """Six rows: corner x, y, centre x, y, column and row of the board."""
-    known = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist())}
-    centres = images.centres[[known[tuple(pair)] for pair in observations.microlenses.tolist()]]
+    row_of = {tuple(pair): row for row, pair in enumerate(images.microlenses.tolist())}
+    centres = images.centres[[row_of[tuple(pair)] for pair in observations.microlenses.tolist()]]
     row, column = np.divmod(observations.ids, material.board.columns)
     return np.column_stack([observations.positions, centres, column, row]).T

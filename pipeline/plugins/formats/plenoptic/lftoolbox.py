@@ -1,6 +1,6 @@
 """LFToolbox (MATLAB): the grid of micro-images as LFUtilProcessWhiteImages writes it.
 
-Since release 0.5 LFBuildHexGrid turns the grid about its own first place and then adds the offset.
+Since release 0.5 LFBuildHexGrid turns the grid about its own first node and then adds the offset.
 """
 
 from pathlib import Path
@@ -25,7 +25,9 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         _, mesh = camera.array
         if mesh.layout != "hexagonal":
-            raise ExportError(f"lftoolbox knows hexagonal rows of microlenses, and {camera.name} has {mesh.layout}")
+            raise ExportError(
+                f"lftoolbox supports only hexagonal rows of microlenses, and {camera.name} has {mesh.layout}"
+            )
         across, down = mesh.step_px
         model = {
             "HSpacing": across,

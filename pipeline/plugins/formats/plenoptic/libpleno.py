@@ -48,37 +48,39 @@ _CORNER = [*_CENTRE, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_CENTRE, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
 _NO_DISTORTION = {"model": 0, "radial": [[0.0] * 3], "tangential": [[0.0] * 2], "depth": [[0.0] * 3]}
 _KAPPA = 0.8
-"""Start value of its kappa, the spread of a point over its blur radius: about what calibrations find [1]."""
+"""Initial value of its kappa, the spread of a point over its blur radius: about the result of calibrations [1]."""
 _GEOMETRIES = {"square": 0, "hexagonal": 1, "hexagonal-columns": 2}
 
 
 def write(material: Material, folder: Path) -> None:
     """Write the files of every camera."""
     for camera in material.cameras:
-        place = folder / camera.name
-        place.mkdir()
-        centres, seen = _centres(camera), _seen(material, camera)
-        known = seen[np.isfinite(seen["rho"])]
-        _pack(place / "observations.bin.gz", centres, np.zeros(0, _CORNER), known)
-        corners = seen[[name for name, _ in _CORNER]].astype(_CORNER)
-        _pack(place / "corners.bin.gz", centres, corners, np.zeros(0, _FEATURE))
-        for name, rows in (("centers", centres), ("features", known)):
+        camera_folder = folder / camera.name
+        camera_folder.mkdir()
+        centres = _centres(camera)
+        observations = _observations(material, camera)
+        sharp = observations[np.isfinite(observations["rho"])]
+        _pack(camera_folder / "observations.bin.gz", centres, np.zeros(0, _CORNER), sharp)
+        corners = observations[[name for name, _ in _CORNER]].astype(_CORNER)
+        _pack(camera_folder / "corners.bin.gz", centres, corners, np.zeros(0, _FEATURE))
+        for name, rows in (("centers", centres), ("features", sharp)):
             columns = {column: rows[column] for column in rows.dtype.names or ()}
-            write_table(place / f"{name}.csv", (), columns)
-        about, model = {"about": list(material.remarks)}, camera.thin_lens
-        write_json(place / "camera.js", {**about, **_camera(camera, model)})
-        write_json(place / "intrinsics.js", {**about, **_camera(camera, model), **_intrinsics(camera, model)})
-        write_json(place / "params.js", {**about, **_parameters(camera, model)})
+            write_table(camera_folder / f"{name}.csv", (), columns)
+        about = {"about": list(material.remarks)}
+        model = camera.thin_lens
+        write_json(camera_folder / "camera.js", {**about, **_camera(camera, model)})
+        write_json(camera_folder / "intrinsics.js", {**about, **_camera(camera, model), **_intrinsics(camera, model)})
+        write_json(camera_folder / "params.js", {**about, **_parameters(camera, model)})
         board = material.board
         grid = {"lph": board.square_mm, "pose": _pose(np.eye(3), [0.0, 0.0, 0.0])}
         grid |= {"x_grid": board.columns, "y_grid": board.rows}
-        write_json(place / "scene.js", {**about, "checkerboards": [grid]})
+        write_json(camera_folder / "scene.js", {**about, "checkerboards": [grid]})
         poses = [
             {"frame": view.frame, "pose": _pose(view.pose.rotation, view.pose.translation.tolist())}
             for view in material.of(camera)
             if view.pose
         ]
-        write_json(place / "poses.js", {**about, "poses": poses})
+        write_json(camera_folder / "poses.js", {**about, "poses": poses})
 
 
 def _centres(camera: ExportCamera) -> np.ndarray:
@@ -89,7 +91,7 @@ def _centres(camera: ExportCamera) -> np.ndarray:
     return rows
 
 
-def _seen(material: Material, camera: ExportCamera) -> np.ndarray:
+def _observations(material: Material, camera: ExportCamera) -> np.ndarray:
     """All observations of a camera, with NaN where a blur radius is unknown."""
     parts = []
     for view in material.of(camera):
@@ -125,7 +127,7 @@ def _size(mesh: GridMesh) -> tuple[int, int]:
     """Columns and rows of a mesh.
 
     Microlenses are counted against their micro-images, (columns - 1 - k, rows - 1 - l). Every other line is shifted, so
-    the number of lines has to be even: an odd one gets a line of which nothing is seen.
+    the number of lines has to be even: an odd one gets a further line without observations.
     """
     columns = mesh.columns + mesh.columns % 2 if mesh.layout == "hexagonal-columns" else mesh.columns
     rows = mesh.rows + mesh.rows % 2 if mesh.layout == "hexagonal" else mesh.rows
@@ -133,7 +135,7 @@ def _size(mesh: GridMesh) -> tuple[int, int]:
 
 
 def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
-    """The same camera as `intrinsics.js` of a calibration has it: no start value is left to be found.
+    """The same camera in the form of a calibration's `intrinsics.js`: no initial value is left to be estimated.
 
     It looks along z, its main lens in the origin, array and sensor behind it; a pixel is u = W - 1 - x / scale of the
     sensor's own x. The micro-image (k, l) lies on the line from the origin through its microlens.
@@ -141,7 +143,8 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     (_, mesh), scale, last = camera.array, camera.pitch_mm, np.array(camera.size_px) - 1
     corner = -(last - camera.axis) * scale
     sensor = _pose(np.eye(3), [*corner.tolist(), -(model.main_lens_mm + model.sensor_mm)])
-    size, per_px = {"width": camera.size_px[0], "height": camera.size_px[1]}, scale * model.ratio
+    size = {"width": camera.size_px[0], "height": camera.size_px[1]}
+    per_px = scale * model.ratio
     return {
         "sensor": {"scale": scale, **size, "pose": sensor},
         "main_lens": {
@@ -166,7 +169,7 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
 
 
 def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: float) -> dict[str, Any]:
-    """The pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
+    """Pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
     (columns, rows), (across, down) = _size(mesh), mesh.step_px
     shift = mesh.pitch_px[0] / 2 if mesh.layout == "hexagonal" else 0  # node (0, 0) is shifted in rows alone
     first = (axis - mesh.place(across * (columns - 1) + shift, down * (rows - 1))) * per_px

@@ -25,10 +25,10 @@ def write(material: Material, folder: Path) -> None:
     for camera in material.cameras:
         images, mesh = camera.array
         if mesh.layout == "hexagonal-columns":
-            raise ExportError(f"plenopticam knows rows of microlenses, and {camera.name} has hexagonal columns")
+            raise ExportError(f"plenopticam supports only rows of microlenses, and {camera.name} has hexagonal columns")
         rows = [
-            [*place, row, column]
-            for place, (column, row) in zip(images.centres.tolist(), images.microlenses.tolist(), strict=True)
+            [*centre, row, column]
+            for centre, (column, row) in zip(images.centres.tolist(), images.microlenses.tolist(), strict=True)
         ]
         lines = [images.centres[images.microlenses[:, 1] == row] for row in range(mesh.rows)]
         down = np.median(np.diff([np.median(line[:, 0]) for line in lines]))

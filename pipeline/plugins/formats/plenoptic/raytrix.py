@@ -1,7 +1,7 @@
-"""Raytrix calibration XML as PlenopticToolbox 2.0 and TLCT read it.
+"""Raytrix calibration XML in the form that PlenopticToolbox 2.0 and TLCT read.
 
-One element per line in this order and without comments: a MATLAB reader counts the children. Types stand at the axial
-pairs (0, 0), (0, 1), (0, -1), which readers truncate to integers.
+One element per line in this order and without comments: a MATLAB reader counts the children. Types are stated at the
+axial pairs (0, 0), (0, 1), (0, -1), which readers truncate to integers.
 """
 
 import math
@@ -26,12 +26,12 @@ FORMAT = Format(
 _PAIRS = ((0, 0), (0, 1), (0, -1))
 """Axial pair of a microlens of each type, from the central one."""
 _TOTAL_COVERING = 2
-"""Virtual depth of the total covering plane of a hexagonal array, whose micro-images tile there; no reader asks it."""
+"""Virtual depth of the total covering plane of a hexagonal array, whose micro-images tile there; no reader uses it."""
 _BEYOND = 1e-6
 """Distance of an object beyond the focal point from which it counts as imaged, over the focal length [1]."""
 _BASES = (("lens_base_x", "1.0", "0.0"), ("lens_base_y", "0.5", "0.8660254037844386"))
 _PERIOD = ("sub_grid_base", "1.7320508075688772", "3.0")
-"""Basis of an array that is not turned, and the period of one type, in pitches: as texts, since constants."""
+"""Basis of an unrotated array, and the period of one type, in pitches: constant, so given as text."""
 
 
 def write(material: Material, folder: Path) -> None:
@@ -40,9 +40,9 @@ def write(material: Material, folder: Path) -> None:
         images, mesh = camera.array
         if mesh.layout != "hexagonal" or len(images.own_types) != len(_PAIRS):
             raise ExportError(
-                f"raytrix knows hexagonal rows of three types, and {camera.name} has {len(images.own_types)} on"
+                f"raytrix supports only hexagonal rows of three types, and {camera.name} has {len(images.own_types)} on"
                 f" {mesh.layout}",
-                hint="libpleno knows others, too",
+                hint="libpleno supports others, too",
             )
         text = "\n".join([*_elements(camera, mesh), ""])
         (folder / f"{camera.name}.xml").write_text(text, encoding="utf-8")
@@ -51,7 +51,9 @@ def write(material: Material, folder: Path) -> None:
 def _elements(camera: ExportCamera, mesh: GridMesh) -> Iterator[str]:
     depths = _virtual_depths(camera)
     if min(near for near, _ in depths) <= 0:
-        raise ExportError(f"raytrix knows main-lens images behind the array, and those of {camera.name} lie before it")
+        raise ExportError(
+            f"raytrix supports only main-lens images behind the array, and those of {camera.name} lie before it"
+        )
     if not all(map(math.isfinite, [far for _, far in depths])):
         raise ExportError(
             f"raytrix states depths of field by the main-lens image, and a type of {camera.name} is sharp up to the"
@@ -91,9 +93,11 @@ def _pair(name: str, units: str, values: Iterable[object], keys: tuple[str, str]
 
 def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     """Depth of field of each type as virtual depths; an end at the front focal point of the main lens is inf."""
-    record, model = camera.built.record, camera.thin_lens
+    record = camera.built.record
+    model = camera.thin_lens
     lens, types = record["lens"], record["mla"]["types"]
-    front, ends = lens["principal_planes_mm"][0], []
+    front = lens["principal_planes_mm"][0]
+    ends = []
     for number in camera.array[0].own_types.tolist():
         away = [float(end) - front for end in types[number]["depth_of_field_mm"]]
         behind = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in away]
@@ -103,6 +107,6 @@ def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
 
 
 def _image_mm(focal_mm: float, away_mm: float) -> float:
-    """Distance of the image behind a thin lens; inf of objects at its focal point and nearer, which have none."""
+    """Image distance of a thin lens; inf for objects at its focal point and nearer, which have no real image."""
     is_beyond = away_mm > (1 + _BEYOND) * focal_mm
     return 1 / (1 / focal_mm - 1 / away_mm) if is_beyond else float("inf")

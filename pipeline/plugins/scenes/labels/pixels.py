@@ -89,7 +89,7 @@ class _Seen:
         """Way of the mean point of each thing, in the mean of all of them."""
         assert self._lines is not None
         now, then = self._lines
-        moving = (self._rays.way[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
+        moving = (self._rays.route[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
         row, thing, light, group = self._grouped(self._met.thing, moving)
         points = np.concatenate([self._met.point_mm, self._met.later_mm], axis=1)[moving]
         means, cell = _mean(points, self._weight[moving], group, len(row)), self._band.strata[self._rays.pixels[row], 0]
