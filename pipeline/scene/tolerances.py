@@ -29,11 +29,14 @@ _BITS = 52
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """A distribution of errors of a number about 0, in its unit; `limit` of a truncated one counts in its spread."""
+    """A distribution of errors of a number about 0, in its unit; `limit` of a truncated one counts in its spread, and
+    numbers of one property have a common error if `is_common`.
+    """
 
     distribution: str
     spread: float
     limit: float
+    is_common: bool = False
 
     def error(self, share: float) -> float:
         """The error than which a share of all errors is smaller; the share lies between 0 and 1."""
@@ -69,23 +72,29 @@ def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
     """The text of the layer of a member that will lie at `out` over a stage that passed the checks, and its numbers."""
     composed, _ = open_stage(stage)
     seed, values, numbers = need(composed.GetDefaultPrim(), "plen:seed"), dict[Sdf.Path, Samples](), []
-    for prim in _tolerances(composed):
-        tolerance = Tolerance(*(need(prim, f"plen:tolerance:{name}") for name in _FIELDS))
-        is_common = need(prim, "plen:tolerance:together")
-        for path in target_paths(prim.GetRelationship(_OF)):
-            attribute = composed.GetAttributeAtPath(path)
-            samples = samples_of(attribute)
-            first = next(iter(samples.values()))
-            for i in range(len(entries(first))):
-                error = tolerance.error(share(seed, member, str(path), 0 if is_common else i))
-                numbers.append(DrawnNumber(name_of(path, first, i), unit_of(attribute), error))
-                samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
-            if tolerance.spread:
-                values[path] = samples
+    for path, tolerance in tolerances_of(composed).items():
+        attribute = composed.GetAttributeAtPath(path)
+        samples = samples_of(attribute)
+        first = next(iter(samples.values()))
+        for i in range(len(entries(first))):
+            error = tolerance.error(share(seed, member, str(path), 0 if tolerance.is_common else i))
+            numbers.append(DrawnNumber(name_of(path, first, i), unit_of(attribute), error))
+            samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
+        if tolerance.spread:
+            values[path] = samples
     layer = layer_of(composed, values)
     about = f"Member {member} of an ensemble of cameras as built, written by pipeline ensemble."
     lay_over(stage, layer, out, [about])
     return text_of(layer), numbers
+
+
+def tolerances_of(stage: Usd.Stage) -> dict[Sdf.Path, Tolerance]:
+    """The tolerance of each property that has one, on a stage that passed the checks."""
+    found = dict[Sdf.Path, Tolerance]()
+    for prim in _tolerances(stage):
+        stated = (need(prim, f"plen:tolerance:{name}") for name in (*_FIELDS, "together"))
+        found |= dict.fromkeys(target_paths(prim.GetRelationship(_OF)), Tolerance(*stated))
+    return found
 
 
 def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:

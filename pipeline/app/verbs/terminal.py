@@ -127,7 +127,7 @@ class Family(_PlainFlags, typer.core.TyperGroup):
 class Verbs(Family):
     """The verbs of the core, and those of plug-ins, which are loaded when they are listed or called."""
 
-    plug_ins = ("design", "fit", "inform", "report")
+    plug_ins = ("calibrate", "design", "fit", "inform", "report")
     """Verbs of plug-ins of ours: without them they say so."""
 
     def list_commands(self, ctx: Any) -> list[str]:

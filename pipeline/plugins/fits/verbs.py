@@ -1,7 +1,7 @@
-"""The verbs `pipeline fit` and `inform`."""
+"""The verbs `pipeline fit`, `inform` and `calibrate`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -11,6 +11,7 @@ from pipeline.app.verbs.terminal import (
     USE,
     Json,
     Roots,
+    Stage,
     Verb,
     library_file,
     new_family,
@@ -19,7 +20,7 @@ from pipeline.app.verbs.terminal import (
     require_suffix,
     say,
 )
-from pipeline.errors import UsageError
+from pipeline.errors import Exit, UsageError
 
 verbs = new_family()
 
@@ -141,3 +142,57 @@ def inform(
         written = report.write(out, warn=note)
     say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
     note(*(f"wrote {file}" for file in (plot, written) if file is not None))
+
+
+@verbs.command("calibrate", cls=Verb, rich_help_panel=USE)
+def calibrate(
+    stage: Stage,
+    observations: Annotated[
+        Path, typer.Argument(metavar="OBSERVATIONS", help="Positions that a detector found: .csv, .npz, .vnl, .bin.gz.")
+    ],
+    out: Annotated[Path, option(OUTPUT, "--out", "-o", metavar="FITTED.usda", help="New layer over the dataset.")],
+    free: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATH", help="A number that is free, or a prim: all with tolerances there; repeatable."),
+    ] = None,
+    sigma: Annotated[
+        float | None, typer.Option(metavar="PX", help="Error of positions, one sigma, if the file has none.", min=1e-9)
+    ] = None,
+    pixel_origin: Annotated[
+        str | None, typer.Option(metavar="0|0.5|1", help="Number of the centre of the top-left pixel.")
+    ] = None,
+    position: Annotated[
+        str | None,
+        typer.Option(metavar="exact|saddle|centroid|chief", help="Image position that the detector looks for."),
+    ] = None,
+    camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of a file that names none.")] = None,
+    poses: Annotated[
+        Literal["free", "known"], typer.Option(metavar="free|known", help="Poses of boards: fitted, or the stage's.")
+    ] = "free",
+    loss: Annotated[
+        float | None, typer.Option(metavar="SIGMAS", help="Cauchy's loss: rows further off count less.", min=0.1)
+    ] = None,
+    as_json: Json = False,
+    allow_root: Roots = None,
+) -> None:
+    """Fit a stage to the images of a real camera: numbers of its lens, stop, focus, array and sensor, and poses.
+
+    Ends with 6 if something is left that noise does not explain. docs/how_to/calibrate.md.
+    """
+    from pipeline.app.stages import require_free
+    from pipeline.files.jsonfile import json_bytes
+    from pipeline.plugins.fits.free_numbers import FreeStage
+    from pipeline.plugins.fits.observations import Stated
+    from pipeline.plugins.fits.twin import calibrate as fitted
+    from pipeline.plugins.fits.twin import document
+    from pipeline.plugins.fits.twin_page import page
+
+    require_free(out)
+    numbers = FreeStage(stage, free or [], tuple(allow_root or ()))
+    stated = Stated(pixel_origin=pixel_origin, position=position, sigma_px=sigma, camera=camera)
+    twin = fitted(numbers, observations, stated, loss_scale=loss, known_poses=poses == "known", tell=note)
+    files = twin.write(out)
+    say(json_bytes(document(twin)).decode().rstrip("\n") if as_json else "\n".join(page(twin)))
+    note(*(f"wrote {file}" for file in files))
+    if twin.doubts:
+        raise typer.Exit(Exit.NOT_CONFIRMED)

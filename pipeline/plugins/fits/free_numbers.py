@@ -1,0 +1,163 @@
+"""Numbers of a stage that a fit may move: what they are, how far they may be off, and the dataset with others in their
+place.
+
+A stage is opened once. What it states is read again with each number moved, with all that follows from it: of a camera
+that is focused at a distance, a radius moves the focus, too.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.app.stages import sound
+from pipeline.errors import UsageError
+from pipeline.scene.dataset import Dataset
+from pipeline.scene.load import require_dataset
+from pipeline.scene.plen_dataset import find_dataset, read_dataset
+from pipeline.scene.tolerances import Tolerance, tolerances_of
+from pipeline.scene.usd.opening import open_stage, write_out_instances
+from pipeline.scene.usd.overrides import entries, layer_of, moved_by, overridden, samples_of
+from pipeline.scene.usd.problems import StageError, of_reader
+from pipeline.scene.usd.readers import notes_of
+from pipeline.scene.usd.roots import allowed_roots
+from pipeline.scene.usd.values import UnreadableValue, rule_of
+from pipeline.scene.varied import varied_numbers
+from pipeline.scene.write.poses import posed
+from pipeline.scene.write.text import lay_over, text_of
+from pipeline.spelling import did_you_mean
+
+_ENTRY = re.compile(r"(.*)\[(\d+)\]")
+_NORMAL = ("normal", "truncated")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FreeNumber:
+    """A number that a fit may move, or several that are off together.
+
+    `before`: its value on the stage; `step`: that of its derivatives; `places`: attributes and entries there.
+    """
+
+    name: str
+    unit: str
+    before: float
+    step: float
+    prior: Tolerance | None
+    places: tuple[tuple[Any, int], ...]
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of its errors before anything was seen; infinite where nothing pulls it back."""
+        return self.prior.spread if self.prior and self.prior.distribution in _NORMAL else np.inf
+
+    @property
+    def reach(self) -> float:
+        """Largest error that it may have."""
+        reach = self.prior.reach if self.prior else None
+        return np.inf if reach is None else reach
+
+
+class FreeStage:
+    """A dataset whose numbers may be others.
+
+    `numbers`: those that are free; `fixed`: names of numbers that were asked for, and have a tolerance of no width.
+    """
+
+    def __init__(self, path: Path, wanted: Sequence[str], allow_roots: Iterable[str | Path] = ()) -> None:
+        """StageError or UsageError: the dataset does not pass `check`, or there is no such number."""
+        self.path, self.roots = path, allowed_roots(path, tuple(allow_roots))
+        self.nominal = require_dataset(sound(path, allow_roots), path)
+        self._stage, _ = open_stage(path)
+        write_out_instances(self._stage)  # or nothing below one could have another number
+        notes_of(self._stage).folders = self.roots
+        self._root: Any = find_dataset(self._stage)
+        self.numbers: tuple[FreeNumber, ...] = ()
+        self.fixed: list[str] = []
+        tolerances, found = tolerances_of(self._stage), dict[str, FreeNumber]()
+        for name in wanted:
+            for attribute, entry in self._named(name, tolerances):
+                tolerance = tolerances.get(attribute.GetPath())
+                for number in self._free(attribute, entry, tolerance):
+                    if tolerance and not tolerance.spread:
+                        self.fixed.append(number.name)
+                    else:
+                        found[number.name] = number
+        self.numbers = tuple(found.values())
+
+    def _named(self, name: str, tolerances: Mapping[Any, Tolerance]) -> list[tuple[Any, int | None]]:
+        """Attributes that a name means, each with the entry that alone is meant, if one is."""
+        match = _ENTRY.fullmatch(name)
+        path, entry = (match[1], int(match[2])) if match else (name, None)
+        top = str(self._root.GetPath())
+        path = path if path.startswith("/") else f"{top}/{path}"
+        attributes = {str(each.GetPath()): each for prim in self._stage.Traverse() for each in prim.GetAttributes()}
+        if path in attributes:
+            return [(attributes[path], entry)]
+        of = f"{path}.plen:tolerance:of"
+        relations = (each for prim in self._stage.Traverse() for each in prim.GetRelationships())
+        below = next((each.GetTargets() for each in relations if str(each.GetPath()) == of), None)
+        below = below or [each for each in tolerances if str(each).startswith(f"{path}/")]
+        if not below:
+            authored = [key for key, each in attributes.items() if each.HasAuthoredValue()]
+            hint = did_you_mean(path, authored) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
+            raise UsageError(f"{self.path} has no property {name!r}, and no tolerances below it", hint=hint)
+        return [(self._stage.GetAttributeAtPath(each), None) for each in below]
+
+    def _free(self, attribute: Any, entry: int | None, prior: Tolerance | None) -> list[FreeNumber]:
+        """The numbers of an attribute: one for all its entries, if these are off together."""
+        try:
+            varied = list(varied_numbers(self._stage, attribute.GetPath(), lambda _: None))
+        except UnreadableValue as error:
+            raise StageError([of_reader(error.thing, error)]) from None
+        if entry is not None and entry >= len(varied):
+            raise UsageError(f"{attribute.GetPath()} has {len(varied)} numbers, none is [{entry}]")
+        values = entries(next(iter(samples_of(attribute).values())))
+        groups = [[entry]] if entry is not None else [[i] for i in range(len(varied))]
+        if prior is not None and prior.is_common:
+            groups = [list(range(len(varied)))]
+        return [
+            FreeNumber(
+                name=varied[group[0]].name if len(group) == 1 else str(attribute.GetPath()),
+                unit=varied[group[0]].unit,
+                before=float(values[group[0]]),
+                step=varied[group[0]].step,
+                prior=prior,
+                places=tuple((attribute, i) for i in group),
+            )
+            for group in groups
+        ]
+
+    def _moved(self, by: np.ndarray) -> dict[Any, Any]:
+        """Values of attributes with numbers moved; UnreadableValue: one leaves the range that its schema states."""
+        values: dict[Any, Any] = {}
+        for number, off in zip(self.numbers, by.tolist(), strict=True):
+            for attribute, entry in number.places if off else ():
+                path = attribute.GetPath()
+                samples = values.get(path) or samples_of(attribute)
+                values[path] = {time: moved_by(value, entry, off) for time, value in samples.items()}
+                rule = rule_of(attribute.GetPrim(), attribute.GetName())
+                if rule is not None and not all(map(rule.holds, values[path].values())):
+                    raise UnreadableValue(f"<{number.name}> would leave its range, {rule.span}", attribute)
+        return values
+
+    def at(self, by: np.ndarray) -> Dataset:
+        """The dataset with each free number moved by so much; PipelineError: there is no such camera."""
+        stage = overridden(self._stage, self._moved(by))  # prims live as long as their stage
+        return read_dataset(find_dataset(stage))
+
+    def around(self, by: np.ndarray) -> list[tuple[Dataset, Dataset]]:
+        """The datasets beside that one, with each number a step less, and a step more."""
+        steps = np.diag([number.step for number in self.numbers])
+        return [(self.at(by - step), self.at(by + step)) for step in steps]
+
+    def layer(self, out: Path, by: np.ndarray, poses: Mapping[str, Mapping[int, np.ndarray]], about: str) -> str:
+        """Text of a layer that will lie at `out` over the stage: numbers moved, and poses of targets by prim path."""
+        overrides = self._moved(by)
+        for prim_path, samples in poses.items():
+            overrides |= posed(self._stage, prim_path, samples)
+        layer = layer_of(self._stage, overrides)
+        lay_over(self.path, layer, out, [about])
+        return text_of(layer)

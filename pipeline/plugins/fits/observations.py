@@ -1,0 +1,307 @@
+"""Image positions that a detector found, from files of several programs, in our conventions.
+
+No file says by itself what number the centre of the top-left pixel has, or which position of a corner a detector looks
+for: both are stated, in the file or beside it, and never guessed.
+"""
+
+import gzip
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from pipeline.errors import UsageError
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.tables import Table, read_table
+
+POSITIONS = ("exact", "saddle", "centroid", "chief")
+"""Image positions that detectors may find: that of the mean of rays, the saddle of a corner's image, the centroid of a
+dot's, and that of the chief ray."""
+ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
+"""Name -> number of the centre of the top-left pixel [px]."""
+CENTRES = ("chief", "centroid")
+"""Kinds of centres of micro-images: where the chief ray of a microlens ends, and the centroid of its light."""
+_STATED = re.compile(r"\s*(pixel_origin|position|centres)\s*[:=]\s*(\S+)")
+_LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
+_CORNER = [*_LIBPLENO, ("cluster", "<i4"), ("frame", "<i4")]
+_FEATURE = [*_LIBPLENO, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
+_FROM_ZERO = ("pixel_origin: 0",)
+"""Remark that files imply whose format says what pixels count from."""
+_SAME_SIZE = 1e-4
+"""Difference of distances on a board above which it is another one, over the largest distance [1]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stated:
+    """Facts about a file that are given beside it; None: the file has to say.
+
+    `sigma_px`: error of positions along x and y, one sigma. `camera`: that of a file that names none.
+    """
+
+    pixel_origin: str | None = None
+    position: str | None = None
+    sigma_px: float | None = None
+    camera: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observations:
+    """Image positions of points of targets, a row each; (0, 0) is the centre of the top-left pixel.
+
+    `target` is empty where a file names none. `microlens`: k and l, or None where positions say which one it is.
+    `board_mm`: points of the board by id, as the program had them.
+    """
+
+    camera: np.ndarray
+    frame: np.ndarray
+    target: np.ndarray
+    point_id: np.ndarray
+    x_px: np.ndarray  # (n, 2)
+    sigma_px: np.ndarray
+    position: str
+    microlens: np.ndarray | None = None
+    board_mm: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    def only(self, kept: np.ndarray) -> Self:
+        """Some of the rows."""
+        columns = ("camera", "frame", "target", "point_id", "x_px", "sigma_px")
+        some = {name: getattr(self, name)[kept] for name in columns}
+        return replace(self, **some, microlens=None if self.microlens is None else self.microlens[kept])
+
+
+def read_observations(path: Path, stated: Stated) -> Observations:
+    """Read a file of positions; what it is follows from its suffix.
+
+    Raises UsageError: it is of no kind that is read, or it does not say what has to be said; DamagedFile.
+    """
+    reader = next((read for suffix, read in _READERS.items() if path.name.endswith(suffix)), None)
+    if reader is None:
+        hint = f"files that are read end in {', '.join(_READERS)}"
+        raise UsageError(f"{path} is no file of observations", hint=hint)
+    if not path.is_file():
+        raise UsageError(f"there is no file {path}")
+    found = reader(path, stated)
+    if not len(found):
+        raise UsageError(f"{path} holds no position")
+    if not (np.isfinite(found.x_px).all() and (found.sigma_px > 0).all()):
+        raise UsageError(f"{path} holds positions that are no numbers, or a sigma that is not above 0")
+    _once(found, path)
+    return found
+
+
+def _once(found: Observations, path: Path) -> None:
+    """UsageError: a point is twice in an image, or all positions of an image are those of another."""
+    microlens = np.zeros((len(found), 2), int) if found.microlens is None else found.microlens
+    seen, images = dict[tuple, int](), dict[tuple, dict]()
+    for row, (camera, frame, *rest) in enumerate(
+        zip(found.camera, found.frame, found.target, found.point_id, *microlens.T, strict=True)
+    ):
+        where = f"point {rest[1]} in frame {frame} of {camera or 'the camera'}"
+        place = (*found.x_px[row],) if found.microlens is None else ()
+        if seen.setdefault((camera, frame, *rest, *place), row) != row:
+            raise UsageError(f"{path} has {where} twice", hint="leave one of them out")
+        images.setdefault((camera, frame), {})[(*rest, *found.x_px[row])] = None
+    first: dict[tuple, tuple] = {}
+    for (camera, frame), content in images.items():
+        other = first.setdefault((camera, *sorted(content)), (camera, frame))
+        if other != (camera, frame):
+            what = f"{path} has the positions of frame {other[1]} again as frame {frame}"
+            raise UsageError(what, hint="no two images are alike to the last digit: give each frame its own")
+
+
+def _settled(path: Path, stated: Stated, comments: tuple[str, ...]) -> tuple[float, str]:
+    """Pixel origin and position of a file, of what it says and what is said of it."""
+    said = {match[1]: match[2] for line in comments if (match := _STATED.match(line))}
+    given = {"pixel_origin": stated.pixel_origin, "position": stated.position}
+    allowed = {"pixel_origin": tuple(ORIGINS), "position": POSITIONS}
+    for name, value in given.items():
+        option = f"--{name.replace('_', '-')}"
+        if value and said.get(name, value) != value:
+            raise UsageError(
+                f"{path} says {name}: {said[name]}, and {option} says {value}", hint="one of them is wrong"
+            )
+        said[name] = value or said.get(name, "")
+        if said[name] not in allowed[name]:
+            what = f"{path} says {name}: {said[name]}" if said[name] else f"{path} does not say its {name}"
+            hint = f"say {option} {'|'.join(allowed[name])}, or write '# {name}: …' above the header of a table"
+            raise UsageError(what, hint=hint)
+    return ORIGINS[said["pixel_origin"]], said["position"]
+
+
+def _sigma(path: Path, stated: Stated, count: int) -> np.ndarray:
+    if stated.sigma_px is None:
+        hint = "say --sigma PX: how far the detector may be off along x and y, one sigma"
+        raise UsageError(f"{path} does not say how good its positions are", hint=hint)
+    return np.full(count, stated.sigma_px)
+
+
+def _csv(path: Path, stated: Stated) -> Observations:
+    """Our own table."""
+    table = read_table(path)
+    origin, position = _settled(path, stated, table.comments)
+    wanted = ("frame", "point_id", "x_px", "y_px")
+    if missing := [name for name in wanted if name not in table.columns]:
+        raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}")
+    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - origin
+    names = ("microlens_k", "microlens_l")
+    microlens = np.stack([_whole(path, table, name) for name in names], axis=1) if _has(table, *names) else None
+    count = len(x_px)
+    return Observations(
+        camera=_texts(table, "camera", stated.camera, count),
+        frame=_whole(path, table, "frame"),
+        target=_texts(table, "target", None, count),
+        point_id=_whole(path, table, "point_id"),
+        x_px=x_px,
+        sigma_px=_column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated, count),
+        position=position,
+        microlens=microlens,
+    )
+
+
+def _has(table: Table, *names: str) -> bool:
+    return all(any(table.columns.get(name, ())) for name in names)
+
+
+def _texts(table: Table, name: str, instead: str | None, count: int) -> np.ndarray:
+    return np.array(table.columns.get(name) or [instead or ""] * count, dtype=str)
+
+
+def _column(path: Path, table: Table, name: str) -> np.ndarray:
+    try:
+        return table.numbers(name)
+    except ValueError as error:
+        raise DamagedFile(path, f"column {name}: {error}") from None
+
+
+def _whole(path: Path, table: Table, name: str) -> np.ndarray:
+    values = _column(path, table, name)
+    if not (values == np.round(values)).all():
+        raise DamagedFile(path, f"column {name} holds something that is no whole number")
+    return values.astype(np.int64)
+
+
+def _npz(path: Path, stated: Stated) -> Observations:
+    """OpenCV: `image_points` (f, n, 2), NaN of what is not seen, `object_points` (n, 3) or (f, n, 3); if they are
+    there, `ids` (n,), `frames` (f,), and the words `pixel_origin` and `position`.
+    """
+    try:
+        with np.load(path) as data:
+            arrays = {name: data[name] for name in data.files}
+    except (ValueError, OSError) as error:
+        raise DamagedFile(path, str(error)) from error
+    if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
+        raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
+    words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
+    origin, position = _settled(path, stated, tuple(words))
+    image = np.asarray(arrays["image_points"], float)
+    image = image.reshape(len(image), -1, 2)
+    count = image.shape[1]
+    board = np.asarray(arrays["object_points"], float).reshape(-1, count, 3)
+    ids = np.asarray(arrays.get("ids", np.arange(count)), int).ravel()
+    frames = np.asarray(arrays.get("frames", np.arange(1, len(image) + 1)), int).ravel()
+    if len(ids) != count or len(frames) != len(image) or not (board == board[:1]).all():
+        raise UsageError(f"{path} has arrays of different lengths, or several boards")
+    frame, point = np.nonzero(np.isfinite(image).all(axis=2))
+    points = np.full((ids.max() + 1, 3), np.nan)
+    points[ids] = board[0]
+    texts = np.full(len(frame), stated.camera or "")
+    return Observations(
+        camera=texts,
+        frame=frames[frame],
+        target=np.full(len(frame), ""),
+        point_id=ids[point],
+        x_px=image[frame, point] - origin,
+        sigma_px=_sigma(path, stated, len(frame)),
+        position=position,
+        board_mm=points,
+    )
+
+
+def _vnl(path: Path, stated: Stated) -> Observations:
+    """mrcal's corners: lines of file name, x, y and level, all points of a board, x fastest; "-" is one not seen.
+
+    The frame is the last number in the name of the image, and sigma grows by two with each level, as mrcal weighs it.
+    """
+    origin, position = _settled(path, stated, _FROM_ZERO)
+    rows, count = list[tuple[str, int, int, float, float, float]](), dict[str, int]()
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+        cells = line.split("#")[0].split()
+        if not cells:
+            continue
+        name, point = cells[0], count.get(cells[0], 0)
+        count[name] = point + 1
+        digits = re.findall(r"\d+", name)
+        if len(cells) < 3 or not digits:
+            raise DamagedFile(path, "no file name with a number, x, y and level", line=number)
+        if cells[1] == "-":
+            continue
+        try:
+            x, y, level = float(cells[1]), float(cells[2]), float(cells[3]) if len(cells) > 3 else 0.0
+        except ValueError:
+            raise DamagedFile(path, f"no number in {line!r}", line=number) from None
+        parts = Path(name).parts
+        camera = stated.camera or (parts[-2] if len(parts) > 1 and "." in parts[-2] else "")
+        rows.append((camera, int(digits[-1]), point, x, y, 2.0**level))
+    cameras, frames, points, xs, ys, scale = zip(*rows, strict=True) if rows else [()] * 6
+    return Observations(
+        camera=np.array(cameras, str),
+        frame=np.array(frames, int),
+        target=np.full(len(rows), ""),
+        point_id=np.array(points, int),
+        x_px=np.stack([xs, ys], axis=1).reshape(-1, 2) - origin,
+        sigma_px=_sigma(path, stated, len(rows)) * np.array(scale),
+        position=position,
+    )
+
+
+def _libpleno(path: Path, stated: Stated) -> Observations:
+    """libpleno's observations: centres, then corners, then features with a blur radius. Its microlenses are numbered by
+    its own grid: positions say which ones they are.
+    """
+    origin, position = _settled(path, stated, _FROM_ZERO)
+    try:
+        data, parts, first = gzip.decompress(path.read_bytes()), [], 0
+        for kind in (_LIBPLENO, _CORNER, _FEATURE):
+            count, size = int.from_bytes(data[first : first + 8], "little"), np.dtype(kind).itemsize
+            parts.append(np.frombuffer(data, kind, count, first + 8))
+            first += 8 + count * size
+    except (ValueError, OSError, EOFError) as error:
+        raise DamagedFile(path, f"no observations of libpleno: {error}") from error
+    rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in parts[1:]])
+    return Observations(
+        camera=np.full(len(rows), stated.camera or ""),
+        frame=rows["frame"].astype(int),
+        target=np.full(len(rows), ""),
+        point_id=rows["cluster"].astype(int),
+        x_px=np.stack([rows["u"], rows["v"]], axis=1) - origin,
+        sigma_px=_sigma(path, stated, len(rows)),
+        position=position,
+    )
+
+
+_READERS: dict[str, Callable[[Path, Stated], Observations]] = {
+    ".csv": _csv,
+    ".npz": _npz,
+    ".vnl": _vnl,
+    ".bin.gz": _libpleno,
+}
+
+
+def require_board(found: Observations, points_mm: np.ndarray, path: Path) -> None:
+    """UsageError: the points of the file are not as far from each other as those of the target (n, 3) are."""
+    if found.board_mm is None:
+        return
+    ids = np.flatnonzero(np.isfinite(found.board_mm[: len(points_mm), 0]))
+    theirs, ours = (
+        np.linalg.norm(points[ids, None] - points[None, ids], axis=2) for points in (found.board_mm, points_mm)
+    )
+    if np.abs(theirs - ours).max() > _SAME_SIZE * ours.max():
+        least = tuple(float(np.min(each[each > 0], initial=np.inf)) for each in (theirs, ours))
+        what = f"the board of {path} has points {least[0]:.6g} mm apart, that of the stage {least[1]:.6g} mm"
+        raise UsageError(what, hint="mend plen:squareSize, or the order of ids: row by row, from the top left")

@@ -1,0 +1,293 @@
+"""A stage fitted to what a real camera sees: `pipeline calibrate`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.app.stages import require_free, sound, write_new
+from pipeline.errors import UsageError
+from pipeline.files.jsonfile import json_bytes
+from pipeline.plugins.fits.first_poses import first_poses
+from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.observations import Observations, Stated, read_observations, require_board
+from pipeline.plugins.fits.predicted_rows import Predicted, Predictor, Slopes, Views, placed, points_of
+from pipeline.plugins.fits.solver import Asked, Solution, solve, unnoticed
+from pipeline.records.plain import Json
+
+_ROWS, _COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
+"""Regions of an image."""
+_DOUBT = 5.0
+"""Deviations above which a group of rows, a row, or the estimate of a mistake is doubted [1]: of a million without
+fault one is that far off."""
+_MORE_THAN_NOISE = 1.1
+"""Chi squared over what is expected that is not doubted however many rows there are [1]: 5 % in sigma."""
+_HALF_TOLD_PX = 0.1
+"""Deviation of a common shift above which rows do not tell half a pixel [px]."""
+
+
+class _Rows:
+    """The rows of a stage at numbers and poses: what the solver asks."""
+
+    def __init__(self, stage: FreeStage, predictor: Predictor) -> None:
+        self._stage, self._predictor, self._observed_px = stage, predictor, predictor.observations.x_px
+        self._last: list[tuple[bytes, Predicted]] = []  # of a step that is tried, and of where it starts
+
+    def __len__(self) -> int:
+        return len(self._observed_px)
+
+    def _predicted(self, by: np.ndarray, poses: np.ndarray) -> Predicted:
+        key = by.tobytes() + poses.tobytes()
+        if key not in dict(self._last):
+            start_px = self._last[-1][1].exact_px if self._last else self._observed_px
+            start_px = np.where(np.isfinite(start_px), start_px, self._observed_px)
+            predicted = self._predictor.predict(self._stage.at(by), poses, start_px)
+            self._last = [*self._last[-1:], (key, predicted)]
+        return dict(self._last)[key]
+
+    def residual(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have."""
+        return self._predicted(by, poses).x_px - self._observed_px
+
+    def slopes(self, by: np.ndarray, poses: np.ndarray) -> Slopes:
+        """Derivatives there."""
+        exact_px, steps = self._predicted(by, poses).exact_px, [number.step for number in self._stage.numbers]
+        return self._predictor.slopes(self._stage.at(by), self._stage.around(by), steps, poses, exact_px)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Chi squared of some rows, and what is expected of it where noise alone is left."""
+
+    name: str
+    rows: int
+    chi2: float
+    expected: float
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether no noise of the stated sigma leaves that much."""
+        beyond = self.chi2 - self.expected
+        return beyond > _DOUBT * np.sqrt(2 * self.expected) and self.chi2 > _MORE_THAN_NOISE * self.expected
+
+
+@dataclass(frozen=True, kw_only=True)
+class Twin:
+    """A stage fitted to observations."""
+
+    stage: FreeStage
+    observations: Observations
+    views: Views
+    solution: Solution
+    asked: Asked
+
+    @property
+    def chi2(self) -> np.ndarray:
+        """Chi squared of each row as it counts, (n,); 0 of rows that the stage does not have."""
+        size2 = (self.solution.residual_px**2).sum(axis=1) / self.asked.sigma_px**2
+        return np.where(self.solution.weight > 0, self.solution.weight * size2, 0.0)
+
+    @property
+    def missing(self) -> np.ndarray:
+        """Rows that the stage does not have."""
+        return np.flatnonzero(~np.isfinite(self.solution.residual_px[:, 0]))
+
+    def group(self, name: str, rows: np.ndarray) -> Group:
+        """Some of the rows."""
+        there = rows & (self.solution.weight > 0)
+        chi2, expected = self.chi2[there].sum(), self.solution.expected[there].sum()
+        return Group(name=name, rows=int(there.sum()), chi2=float(chi2), expected=float(expected))
+
+    @cached_property
+    def groups(self) -> dict[str, list[Group]]:
+        """Chi squared by camera, frame and region of the image."""
+        seen, sizes = self.observations, dict[str, tuple[int, int]]()
+        for camera in self.stage.nominal.cameras:
+            sizes |= {entry.full_name: entry.camera.sensor.size_px for entry in camera.in_channels}
+        share = (seen.x_px + 0.5) / np.array([sizes[name] for name in seen.camera.tolist()])
+        column, row = np.clip((share * 3).astype(int), 0, 2).T
+        regions = [(r, c, f"{down} {across}") for r, down in enumerate(_ROWS) for c, across in enumerate(_COLUMNS)]
+        return {
+            "camera": [self.group(name, seen.camera == name) for name in np.unique(seen.camera).tolist()],
+            "frame": [self.group(str(number), seen.frame == number) for number in np.unique(seen.frame).tolist()],
+            "region": [self.group(name, (row == r) & (column == c)) for r, c, name in regions],
+        }
+
+    @cached_property
+    def mistakes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Estimates and deviations of a shift of all positions [px], along x and y, and of the size of the boards over
+        what the stage states, less 1: what a wrong pixel origin or a wrong board would look like.
+        """
+        seen, poses = self.observations, self.solution.poses
+        points = points_of(self.stage.nominal)
+        on_board = np.array(
+            [points[name].position_mm[i] for name, i in zip(seen.target.tolist(), seen.point_id.tolist(), strict=True)]
+        )
+        outwards = np.einsum("nij,nj->ni", poses[self.views.of_rows][:, :3, :3], on_board)
+        grown = np.einsum("nij,nj->ni", self.solution.slopes.by_pose[:, :, 3:], outwards)
+        shifted = np.broadcast_to(-np.eye(2), (len(seen), 2, 2))
+        return unnoticed(self.solution, self.asked, np.concatenate([shifted, grown[:, :, None]], axis=2))
+
+    @cached_property
+    def doubts(self) -> list[str]:
+        """Sentences about what noise does not explain, and about what may be wrong then."""
+        said, solution = [], self.solution
+        if not solution.converged:
+            said.append(f"the fit did not converge: {solution.ending}")
+        if len(self.missing):
+            named = self._names(self.missing)
+            said.append(f"{len(self.missing)} of {len(self.observations)} positions the stage does not have: {named}")
+        far = np.flatnonzero(np.sqrt(self._size2) > _DOUBT)
+        far = far[np.argsort(-self._size2[far])]
+        if len(far):
+            said.append(f"{len(far)} positions are more than {_DOUBT:g} sigma off: {self._names(far)}")
+        for kind, groups in self.groups.items():
+            wrong = [group for group in groups if group.is_doubted]
+            if wrong and len(groups) > len(wrong):
+                listed = ", ".join(f"{group.name} ({group.chi2 / group.expected:.3g} times)" for group in wrong)
+                said.append(f"chi squared is more than noise leaves in {kind} {listed}")
+        everything = self.group("all", np.ones(len(self.observations), bool))
+        if everything.is_doubted:
+            times = everything.chi2 / everything.expected
+            why = "the stage could not have made these rows, or sigma is too small"
+            said.append(f"chi squared is {times:.3g} times what sigma leaves: {why}")
+        estimate, deviation = self.mistakes
+        if everything.is_doubted or len(far):
+            shift = np.abs(estimate[:2]) > _DOUBT * deviation[:2]
+            if shift.any():
+                x, y = estimate[:2].tolist()
+                said.append(
+                    f"positions that are ({x:+.3f}, {y:+.3f}) px off would fit better: is the pixel origin right?"
+                )
+            if abs(estimate[2]) > _DOUBT * deviation[2]:
+                said.append(f"a board {1 + estimate[2]:.5g} times as large would fit better: is its size right?")
+        return said
+
+    @property
+    def _size2(self) -> np.ndarray:
+        return np.nan_to_num((self.solution.residual_px**2).sum(axis=1) / self.asked.sigma_px**2)
+
+    def _names(self, rows: np.ndarray) -> str:
+        seen = self.observations
+        listed = [f"point {seen.point_id[row]} in frame {seen.frame[row]} of {seen.camera[row]}" for row in rows[:3]]
+        return ", ".join(listed) + (" …" if len(rows) > 3 else "")
+
+    @property
+    def untold(self) -> list[str]:
+        """Sentences about mistakes that these rows would not show."""
+        _, deviation = self.mistakes
+        said = []
+        if deviation[:2].max() > _HALF_TOLD_PX:
+            said.append("these rows do not tell the pixel origin: half a pixel would go into numbers and poses unseen")
+        if deviation[2] > 1e-2:
+            said.append("these rows do not tell the size of the board: it would go into its distance unseen")
+        return said
+
+    def write(self, out: Path) -> tuple[Path, Path]:
+        """Write the layer, and beside it the covariance and all that the page says; returns both."""
+        beside = out.with_suffix(".json")
+        require_free(out)
+        poses = dict[str, dict[int, np.ndarray]]()
+        prims = {entry.name: entry.prim_path for entry in self.stage.nominal.targets}
+        if self.asked.has_free_poses:
+            for (frame, target), pose in zip(self.views.keys, self.solution.poses, strict=True):
+                poses.setdefault(prims[target], {})[frame] = pose
+        about = "Numbers and poses fitted to observed positions by pipeline calibrate."
+        write_new(json_bytes(document(self)).decode(), beside)
+        try:
+            write_new(self.stage.layer(out, self.solution.by, poses, about), out)
+            sound(out, self.stage.roots)
+        except BaseException:
+            for file in (out, beside):
+                file.unlink(missing_ok=True)
+            raise
+        return out, beside
+
+
+def calibrate(
+    stage: FreeStage,
+    file: Path,
+    stated: Stated,
+    *,
+    loss_scale: float | None = None,
+    known_poses: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Twin:
+    """Fit the free numbers of a dataset, and the poses of its boards unless they are known, to observed positions.
+
+    Raises UsageError: the file cannot be read, does not belong to the dataset, or no pose of a board fits.
+    """
+    found = placed(read_observations(file, stated), stage.nominal)
+    targets = points_of(stage.nominal)
+    require_board(found, targets[str(found.target[0])].position_mm, file)
+    views = Views.of(found)
+    predictor = Predictor(found, views)
+    if known_poses:
+        frames = {frame.number: frame for frame in stage.nominal.frames}
+        poses = np.array([frames[frame].world_from_target[target] for frame, target in views.keys])
+    else:
+        poses = first_poses(predictor, stage.nominal)
+    numbers = stage.numbers
+    asked = Asked(
+        sigma_px=found.sigma_px,
+        view=views.of_rows,
+        deviation=np.array([number.deviation for number in numbers]),
+        reach=np.array([number.reach for number in numbers]),
+        has_free_poses=not known_poses,
+        loss_scale=loss_scale,
+    )
+    count, unknowns = 2 * len(found), len(numbers) + (0 if known_poses else 6 * len(views.keys))
+    if count < unknowns:
+        hint = "free less, or give more images"
+        raise UsageError(f"{count} coordinates do not tell {unknowns} unknowns", hint=hint)
+    solution = solve(_Rows(stage, predictor), asked, poses, tell)
+    return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
+
+
+def document(twin: Twin) -> Json:
+    """All that is known of a fit as plain data; what is not known is null."""
+    solution = twin.solution
+    rows = []
+    for i, number in enumerate(twin.stage.numbers):
+        finite = {"deviation": solution.deviation[i], "prior": number.deviation, "reach": number.reach}
+        rows.append(
+            {
+                "name": number.name,
+                "unit": number.unit,
+                "before": number.before,
+                "after": number.before + float(solution.by[i]),
+                **{name: float(value) if np.isfinite(value) else None for name, value in finite.items()},
+                "told": float(solution.told[i]),
+                "at_bound": bool(solution.at_bound[i]),
+            }
+        )
+    names = [number.name for number in twin.stage.numbers]
+    estimate, deviation = twin.mistakes
+    mistakes = zip(("shift_x_px", "shift_y_px", "board"), estimate.tolist(), deviation.tolist(), strict=True)
+    return {
+        "stage": twin.stage.path.name,
+        "position": twin.observations.position,
+        "rows": len(twin.observations),
+        "missing": twin.missing.tolist(),
+        "converged": solution.converged,
+        "ending": solution.ending,
+        "steps": solution.steps,
+        "numbers": rows,
+        "fixed": list(twin.stage.fixed),
+        "covariance": solution.covariance.tolist(),
+        "open": [dict(zip(names, each, strict=True)) for each in solution.open_directions.tolist()],
+        "chi2": {
+            kind: [
+                {"name": each.name, "rows": each.rows, "chi2": each.chi2, "expected": each.expected} for each in groups
+            ]
+            for kind, groups in twin.groups.items()
+        },
+        "mistakes": {
+            name: {"estimate": value, "deviation": off if np.isfinite(off) else None} for name, value, off in mistakes
+        },
+        "doubts": list(twin.doubts),
+        "untold": list(twin.untold),
+        "residual_px": [[v if np.isfinite(v) else None for v in row] for row in solution.residual_px.tolist()],
+    }

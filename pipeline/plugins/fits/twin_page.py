@@ -1,0 +1,50 @@
+"""What a fit to a real camera found, as lines for a terminal."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline.plugins.fits.twin import Twin
+
+_LEAST_PART = 0.05
+"""Part of a direction below which a number is not named [1]."""
+
+
+def page(twin: Twin) -> Iterator[str]:
+    """Lines for a terminal."""
+    seen, solution = twin.observations, twin.solution
+    cameras, views = len(np.unique(seen.camera)), len(twin.views.keys)
+    yield f"{len(seen)} positions ({seen.position}) of {cameras} camera{'s' * (cameras > 1)} in {views} views"
+    state = "converged" if solution.converged else "NOT CONVERGED"
+    yield f"{state} after {solution.steps} steps: {solution.ending}"
+    everything = twin.group("all", np.ones(len(seen), bool))
+    yield f"chi squared {everything.chi2:.6g}, expected {everything.expected:.6g}"
+    yield ""
+    yield f"{'number':44} {'before':>13} {'after':>13} {'deviation':>10} {'prior':>10} {'told':>6}"
+    for number, by, deviation, told, bound in zip(
+        twin.stage.numbers, solution.by, solution.deviation, solution.told, solution.at_bound, strict=True
+    ):
+        prior = f"{number.deviation:10.3g}" if np.isfinite(number.deviation) else f"{'none':>10}"
+        if number.prior is not None and number.prior.distribution == "uniform":
+            prior = f"{'±' + format(number.reach, '.3g'):>10}"
+        shown = f"{deviation:10.3g}" if np.isfinite(deviation) else f"{'open':>10}"
+        end = "  at its bound" if bound else ""
+        name = number.name if len(number.name) <= 44 else f"…{number.name[-43:]}"
+        yield f"{name:44} {number.before:13.8g} {number.before + by:13.8g} {shown} {prior} {told:6.1%}{end}"
+    for name in twin.stage.fixed:
+        yield f"{name}: fixed, its tolerance has no width"
+    for direction in solution.open_directions:
+        parts = [
+            f"{number.name} {part:+.3g}"
+            for number, part in zip(twin.stage.numbers, direction, strict=True)
+            if abs(part) > _LEAST_PART
+        ]
+        held = "" if not len(solution.unmoved) else ", and not moved unless a tolerance holds it"
+        yield f"open: the rows do not tell {', '.join(parts)}, together{held}"
+    yield ""
+    yield "chi squared over what noise leaves"
+    for kind, groups in twin.groups.items():
+        parts = [f"{each.name}: {each.chi2 / each.expected:.3f}" for each in groups if each.expected > 0]
+        yield f"  by {kind:7} {'; '.join(parts)}"
+    yield from (f"  note: {each}" for each in twin.untold)
+    yield from (f"  DOUBT: {each}" for each in twin.doubts)

@@ -1,0 +1,107 @@
+"""Positions that a camera would see whose numbers are a little off those of its stage, and files with them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from stage_text import in_the_library
+
+from pipeline.files.tables import write_table
+from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.observations import Observations, Stated
+from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.results.opening import ready
+from pipeline.results.ready_camera import ReadyCamera
+
+WIDE = """over "Camera"
+{
+uniform token plen:camera:model = "pinhole"
+uniform double[] plen:camera:distortion = [0, 0, 0, 0, 0]
+}
+over "Sensor"
+{
+uniform double plen:pixelPitch = 0.2
+}
+"""
+"""A pinhole that sees 26 degrees to both sides."""
+INNER = ["Rig/Camera.plen:camera:distortion", "Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:offset"]
+OFF = np.array([-0.2, 0.15, 2e-3, -1e-3, -0.05, 1.4, 0.82, -0.47])
+"""Errors of the eight numbers of `INNER`."""
+
+
+def posed(count: int, distance_mm: float, across_mm: float, seed: int = 3) -> str:
+    """A board in poses all over the field, tilted by up to 30 degrees."""
+    rng, turns, places = np.random.default_rng(seed), [], []
+    for frame in range(1, count + 1):
+        *imaginary, real = Rotation.from_euler("xyz", rng.uniform(-30, 30, 3) * (1, 1, 0.3), degrees=True).as_quat()
+        turns.append(f"{frame}: ({real}, {', '.join(map(str, imaginary))})")
+        x, y, z = rng.uniform(-1, 1, 3) * (across_mm, across_mm, 0.12 * distance_mm) - (0, 0, distance_mm)
+        places.append(f"{frame}: ({x}, {y}, {z})")
+    order = 'uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:orient"]'
+    samples = zip(("quatd xformOp:orient", "double3 xformOp:translate"), (turns, places), strict=True)
+    return "\n".join([*(f"{name}.timeSamples = {{{', '.join(each)}}}" for name, each in samples), order])
+
+
+def wide_stage(folder: Path, frames: int) -> Path:
+    """A pinhole before a large board."""
+    board = f"uniform double plen:squareSize = 30\n{posed(frames, 380.0, 60.0)}"
+    path = folder / "wide.usda"
+    path.write_text(in_the_library("", board=board, rig=WIDE, end=frames), encoding="utf-8")
+    return path
+
+
+def narrow_stage(folder: Path, things: str = "", frames: int = 3) -> Path:
+    """The lens of the library before a board in focus."""
+    board = f"uniform double plen:squareSize = 1.5\n{posed(frames, 432.0, 1.5)}"
+    path = folder / "narrow.usda"
+    path.write_text(in_the_library(things, board=board, end=frames), encoding="utf-8")
+    return path
+
+
+def seen(stage: FreeStage, by: np.ndarray, sigma_px: float, seed: int | None = None) -> Observations:
+    """What the camera sees whose numbers are moved, with noise if there is a seed; all rows to 1e-9 px."""
+    dataset, rows = stage.at(by), []
+    (entry,) = dataset.cameras
+    rig = ready(stage.path).rig if not by.any() else ready(entry.camera).rig
+    camera = ReadyCamera(name=entry.name, rig=rig, min_hit_fraction=0.1, accuracy_px=1e-9)
+    (target,) = dataset.targets
+    points = target.target.points()
+    for frame in dataset.frames:
+        pose = frame.vision_from_target(entry.name, target.name)
+        normals = points.plane_axes[:, :, 2] @ pose[:3, :3].T
+        projected = camera.project(points.position_mm @ pose[:3, :3].T + pose[:3, 3], normals)
+        microlens = np.zeros((len(projected.point), 2), int) if projected.microlens is None else projected.microlens
+        rows += [
+            (frame.number, *row)
+            for row in zip(projected.point, *microlens.T, projected.x_px, projected.y_px, strict=True)
+        ]
+    frames, ids, k, l, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    x_px = np.stack([x, y], axis=1)
+    if seed is not None:
+        x_px += np.random.default_rng(seed).normal(scale=sigma_px, size=x_px.shape)
+    return Observations(
+        camera=np.full(len(ids), entry.full_name),
+        frame=frames,
+        target=np.full(len(ids), target.name),
+        point_id=ids,
+        x_px=x_px,
+        sigma_px=np.full(len(ids), sigma_px),
+        position="exact",
+        microlens=np.stack([k, l], axis=1) if entry.camera.microlenses else None,
+    )
+
+
+def table(found: Observations, path: Path, remarks: Sequence[str] = ("pixel_origin: 0", "position: exact")) -> Path:
+    """Our own file of observations."""
+    columns = {name: getattr(found, name) for name in ("camera", "frame", "target", "point_id")}
+    columns |= {"x_px": found.x_px[:, 0], "y_px": found.x_px[:, 1], "sigma_px": found.sigma_px}
+    if found.microlens is not None:
+        columns |= {"microlens_k": found.microlens[:, 0], "microlens_l": found.microlens[:, 1]}
+    write_table(path, remarks, columns)
+    return path
+
+
+def fitted(stage: FreeStage, found: Observations, folder: Path, **options) -> Twin:
+    """The twin of observations, by way of a file."""
+    return calibrate(stage, table(found, folder / "seen.csv"), Stated(), **options)

@@ -1,0 +1,265 @@
+"""A stage fitted to a camera: what was planted comes back, with stated deviations, and mistakes are named."""
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from places import TINY_PLENOPTIC
+from plugins.fits.planted import INNER, OFF, fitted, narrow_stage, seen, table, wide_stage
+from scipy.stats import chi2
+
+from pipeline.camera.figures.equivalent_pinhole import pinhole
+from pipeline.errors import UsageError
+from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.observations import Observations, Stated, read_observations
+from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, placed, points_of
+from pipeline.plugins.fits.twin import calibrate
+from pipeline.scene.load import open_dataset
+
+RADIUS = "Rig/Lens/S3.plen:radius"
+TOLERANCES = """def PlenTolerance "Made"
+{
+rel plen:tolerance:of = [</Scene/Rig/Lens/S3.plen:radius>, </Scene/Rig/Sensor.plen:offset>]
+uniform double plen:tolerance:spread = 0.02
+}
+def PlenTolerance "Sure"
+{
+rel plen:tolerance:of = </Scene/Rig/Lens/S5.plen:radius>
+uniform double plen:tolerance:spread = 0
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def narrow(tmp_path_factory) -> FreeStage:
+    return FreeStage(narrow_stage(tmp_path_factory.mktemp("narrow"), TOLERANCES), ["Made"])
+
+
+@pytest.fixture(scope="module")
+def wide(tmp_path_factory) -> FreeStage:
+    return FreeStage(wide_stage(tmp_path_factory.mktemp("wide"), frames=4), INNER)
+
+
+@pytest.fixture(scope="module")
+def exact(narrow) -> Observations:
+    return seen(narrow, np.array([0.02, 0.01, -0.02]), 1e-5)
+
+
+def test_a_planted_camera_comes_back_and_its_stage_makes_the_same_rows(tmp_path, narrow, exact):
+    stage = FreeStage(narrow.path, [RADIUS, "Rig/Sensor.plen:offset"])
+    stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)  # nothing pulls it back
+    twin = fitted(stage, exact, tmp_path)
+    assert twin.solution.converged and twin.doubts == []
+    np.testing.assert_allclose(twin.solution.by, [0.02, 0.01, -0.02], rtol=0, atol=1e-6)
+    layer, beside = twin.write(tmp_path / "fitted.usda")
+    again = FreeStage(layer, [], [narrow.path.parent])
+    same = fitted(again, exact, tmp_path, known_poses=True)
+    assert np.abs(same.solution.residual_px).max() < 1e-7
+    told = json.loads(beside.read_text())
+    assert told["converged"] and told["numbers"][0]["after"] == open_radius(layer, narrow.path.parent)
+
+
+def open_radius(layer: Path, folder: Path) -> float:
+    return float(open_dataset(layer, [folder]).cameras[0].camera.prescription.surfaces[2].radius_mm)
+
+
+def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, exact):
+    """Means over bundles of ways and slopes, beside differences of solutions."""
+    found = placed(exact, narrow.nominal)
+    predictor, dataset = Predictor(found, Views.of(found)), narrow.nominal
+    frames = {frame.number: frame for frame in dataset.frames}
+    poses = np.array([frames[frame].world_from_target[name] for frame, name in predictor.views.keys])
+    here = predictor.predict(dataset, poses, found.x_px).exact_px
+    slopes = predictor.slopes(dataset, [], [], poses, here).by_pose
+    for axis, step in enumerate((1e-4,) * 3 + (1e-2,) * 3):
+        by = np.zeros((len(poses), 6))
+        by[:, axis] = step
+        more, less = (predictor.predict(dataset, moved(poses, sign * by), here).exact_px for sign in (1, -1))
+        expected = (more - less) / (2 * step)
+        np.testing.assert_allclose(slopes[:, :, axis], expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_tolerance_without_width_is_a_fixed_number_to_the_byte(tmp_path, narrow, exact):
+    layers = []
+    for name, free in (("one", ["Made"]), ("two", ["Made", "Rig/Lens/S5.plen:radius"])):
+        (tmp_path / name).mkdir()
+        stage = FreeStage(narrow.path, free)
+        layers.append(fitted(stage, exact, tmp_path / name).write(tmp_path / name / "fitted.usda")[0].read_bytes())
+    assert layers[0].replace(b"/one/", b"/two/") == layers[1]
+    assert stage.fixed == ["/Scene/Rig/Lens/S5.plen:radius"] and b"S5" not in layers[1]
+
+
+def test_opencv_finds_the_same_camera_of_the_same_corners(tmp_path, wide):
+    found = seen(wide, OFF, 0.01, seed=1)
+    views = Views.of(found)
+    points = points_of(wide.nominal)["Board"].position_mm.astype(np.float32)
+    of_view = [views.of_rows == view for view in range(len(views.keys))]
+    rounded = found.x_px.astype(np.float32)  # OpenCV reads single precision
+    twin = fitted(wide, replace(found, x_px=rounded.astype(float)), tmp_path)
+    start = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
+    flags = cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_USE_INTRINSIC_GUESS
+    boards, images = ([each[rows] for rows in of_view] for each in (points[found.point_id], rounded))
+    _, matrix, distortion, _, _ = cv2.calibrateCamera(
+        boards, images, (640, 480), start, None, flags=flags, criteria=(3, 500, 1e-16)
+    )
+    ours = pinhole(wide.at(twin.solution.by).cameras[0].camera).distorted
+    assert twin.solution.converged
+    np.testing.assert_allclose(ours.principal_distance_px, matrix[0, 0], rtol=1e-6)
+    np.testing.assert_allclose(ours.principal_point_px, matrix[:2, 2], rtol=1e-6)
+    np.testing.assert_allclose(ours.distortion, distortion.ravel(), rtol=0, atol=1e-6 * np.abs(distortion).max())
+
+
+@cache
+def scattered(folder: Path, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Errors over deviations (s, m), chi squared and what is expected of it (s,), of calibrations with noise."""
+    stage, errors, sums = FreeStage(wide_stage(folder, frames=3), INNER), [], []
+    for seed in range(seeds):
+        twin = fitted(stage, seen(stage, OFF, 0.05, seed=seed), folder)
+        values, axes = np.linalg.eigh(twin.solution.covariance)
+        errors.append(axes.T @ (twin.solution.by - OFF) / np.sqrt(values))  # independent, each of variance 1
+        all_of_it = twin.group("all", np.ones(len(twin.observations), bool))
+        sums.append((all_of_it.chi2, all_of_it.expected))
+    chi, expected = np.array(sums).T
+    return np.array(errors), chi, expected
+
+
+@pytest.mark.parametrize("seeds", [3, pytest.param(100, marks=pytest.mark.heavy)])
+def test_numbers_scatter_by_the_stated_covariance_and_so_does_chi_squared(tmp_path, seeds):
+    errors, chi, expected = scattered(tmp_path, seeds)
+    for sum_of_squares, count in ((errors**2).sum(), errors.size), (chi.sum(), expected.sum()):
+        assert chi2.ppf(1e-4, count) < sum_of_squares < chi2.ppf(1 - 1e-4, count)
+
+
+def test_a_plenoptic_camera_comes_back(tmp_path):
+    array = "Rig/Microlenses.plen:"
+    stage = FreeStage(TINY_PLENOPTIC, [f"{array}focalLengths[0]", f"{array}offset", f"{array}rotation"])
+    off = np.array([0.01, 0.002, -0.003, 0.02])
+    twin = fitted(stage, seen(stage, off, 1e-5), tmp_path)
+    assert twin.solution.converged and twin.doubts == []
+    np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-6)
+
+
+def swapped(found: Observations) -> Observations:
+    x_px = found.x_px.copy()
+    x_px[[3, 17]] = x_px[[17, 3]]
+    return replace(found, x_px=x_px)
+
+
+def mirrored(found: Observations) -> Observations:
+    row, column = np.divmod(found.point_id, 7)
+    return replace(found, point_id=row * 7 + 6 - column)
+
+
+def of_another_frame(found: Observations) -> Observations:
+    first, second = (np.flatnonzero(found.frame == frame) for frame in (1, 2))
+    x_px = found.x_px.copy()
+    x_px[second] = x_px[first[: len(second)]]
+    return replace(found, x_px=x_px)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (swapped, "points are .* px off, but 3, 17 up to"),
+        (mirrored, "its ids run mirrored"),
+        (of_another_frame, "has the positions of frame 1 again as frame 2"),
+        (lambda found: replace(found, frame=found.frame + 40), "the dataset has no frame 41"),
+        (lambda found: replace(found, point_id=found.point_id + 9), "Board has no point 36"),
+        (lambda found: replace(found, target=np.full(len(found), "Bord")), 'did you mean "Board"'),
+        (lambda found: replace(found, x_px=found.x_px + 1000), "lies outside of the image"),
+        (lambda found: replace(found, sigma_px=0 * found.sigma_px), "a sigma that is not above 0"),
+        (lambda found: found.only(found.point_id < 3), "a pose needs 4"),
+    ],
+)
+def test_a_mistake_that_no_camera_explains_is_refused(tmp_path, narrow, exact, mistake, said):
+    with pytest.raises(UsageError) as refused:
+        fitted(narrow, mistake(exact), tmp_path)
+    assert refused.match(said)
+
+
+def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not(tmp_path, narrow):
+    exact = seen(narrow, np.zeros(3), 0.02, seed=4)
+    off, stage = replace(exact, x_px=exact.x_px + 0.5), FreeStage(narrow.path, ["Rig/Lens/S4.plen:radius"])
+    told = fitted(stage, off, tmp_path, known_poses=True)
+    assert any("is the pixel origin right?" in doubt for doubt in told.doubts)
+    np.testing.assert_allclose(told.mistakes[0][:2], -0.5, atol=0.02)
+    untold = fitted(FreeStage(narrow.path, []), off, tmp_path)
+    astray = fitted(stage, off, tmp_path)  # a radius that a narrow field does not tell
+    assert "rows hardly tell which way" in astray.solution.ending and "did not converge" in astray.doubts[0]
+    assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.untold)
+
+
+def test_a_few_wrong_positions_are_named_and_a_robust_loss_bears_them(tmp_path, wide):
+    exact = seen(wide, OFF, 0.05, seed=2)
+    x_px = exact.x_px.copy()
+    x_px[11] += (8.0, -6.0)
+    wrong = replace(exact, x_px=x_px)
+    named = f"point {exact.point_id[11]} in frame {exact.frame[11]}"
+    plain, robust = fitted(wide, wrong, tmp_path), fitted(wide, wrong, tmp_path, loss_scale=3.0)
+    assert any(named in doubt for doubt in plain.doubts) and any(named in doubt for doubt in robust.doubts)
+    pulls = [np.abs((twin.solution.by - OFF) / twin.solution.deviation).max() for twin in (plain, robust)]
+    assert pulls[1] < 4 < pulls[0]
+
+
+def test_what_rows_leave_open_is_named_and_not_moved(tmp_path, wide):
+    """A pinhole's board of unknown size at an unknown distance."""
+    stage = FreeStage(wide.path, ["Board.plen:squareSize", "Rig/Sensor.plen:offset"])
+    twin = fitted(stage, seen(stage, np.array([0.0, 0.5, 0.2]), 0.05), tmp_path)
+    assert np.isinf(twin.solution.deviation[0]) and abs(twin.solution.by[0]) < 1e-6
+    np.testing.assert_allclose(twin.solution.by[1:], [0.5, 0.2], atol=1e-6)
+    (direction,) = twin.solution.open_directions
+    assert abs(direction[0]) == 1.0 and np.abs(direction[1:]).max() < 1e-3
+
+
+def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(tmp_path, narrow, exact):
+    plain = read_observations(table(exact, tmp_path / "seen.csv"), Stated())
+    points = points_of(narrow.nominal)["Board"].position_mm
+    image = np.full((3, len(points), 2), np.nan)
+    image[exact.frame - 1, exact.point_id] = exact.x_px + 0.5
+    stated = Stated(pixel_origin="0.5", position="exact", sigma_px=1e-5)
+    arrays = {"image_points": image, "object_points": points + 7.0}
+    np.savez(tmp_path / "seen.npz", **arrays)
+    lines = [
+        f"images/{frame:04d}.png " + ("- - -" if np.isnan(x) else f"{x - 0.5!r} {y - 0.5!r} 1")
+        for frame, of_frame in enumerate(image.tolist(), 1)
+        for x, y in of_frame
+    ]
+    (tmp_path / "corners.vnl").write_text("\n".join(["# filename x y level", *lines]))
+    by_opencv = read_observations(tmp_path / "seen.npz", stated)
+    by_mrcal = read_observations(tmp_path / "corners.vnl", replace(stated, pixel_origin=None))
+    for found, sigma_px in ((by_opencv, 1e-5), (by_mrcal, 2e-5)):
+        assert (found.frame == plain.frame).all() and (found.point_id == plain.point_id).all()
+        np.testing.assert_allclose(found.x_px, plain.x_px, rtol=0, atol=1e-9)
+        assert (found.sigma_px == sigma_px).all()
+    np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points * 1.2})
+    with pytest.raises(UsageError, match=r"points 1\.8 mm apart, that of the stage 1\.5 mm"):
+        calibrate(narrow, tmp_path / "seen.npz", stated)
+
+
+@pytest.mark.parametrize(
+    ("remarks", "options", "said"),
+    [
+        (["position: exact"], [], "does not say its pixel_origin"),
+        (["pixel_origin: 0"], [], "does not say its position"),
+        (["pixel_origin: 0", "position: exact"], ["--pixel-origin", "0.5"], "--pixel-origin says 0.5"),
+        (["pixel_origin: 2", "position: exact"], [], "says pixel_origin: 2"),
+        (["pixel_origin: 0", "position: exact"], ["--free", "Rig/Lens/S3.plen:radios"], "did you mean"),
+    ],
+)
+def test_half_a_pixel_is_never_guessed(run, tmp_path, narrow, exact, remarks, options, said):
+    file = table(exact, tmp_path / "seen.csv", remarks)
+    code, output, log = run("calibrate", narrow.path, file, "-o", "fitted.usda", *options)
+    assert (code, output) == (2, "") and said in log and not (tmp_path / "fitted.usda").exists()
+
+
+def test_the_command_prints_a_table_and_writes_two_files(run, tmp_path, narrow, exact):
+    file = table(exact, tmp_path / "seen.csv")
+    code, output, log = run("calibrate", narrow.path, file, "-o", "fitted.usda", "--free", "Made")
+    assert code == 0 and "wrote fitted.usda" in log and (tmp_path / "fitted.json").exists()
+    assert "/Scene/Rig/Lens/S3.plen:radius" in output and "chi squared over what noise leaves" in output
+    code, _, log = run("calibrate", narrow.path, file, "-o", "fitted.usda")
+    assert code == 2 and "exists" in log
