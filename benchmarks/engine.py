@@ -153,7 +153,7 @@ def price_of_a_node(folder: Path, sizes: tuple[int, ...]) -> None:
         store = Store(folder / f"store{size}")
         start = time.process_time()
         graph = TaskGraph()
-        kind = "pipeline.tasks.camera:focus"
+        kind = "pipeline.products.camera.make:camera"
         graph.add("first", kind, {"camera": {}})
         for n in range(2, size):
             graph.add(f"image/{n:05d}", kind, {"pose": [[n * 0.1] * 4] * 4}, {"camera": "first"})

@@ -190,7 +190,7 @@ class Now(Program):
     places: ClassVar = {
         "focused": "pipeline.camera.focusing.depth_of_field",
         "micro_images": "pipeline.camera.micro_images.centres",
-        "target_poses": "pipeline.graph.poses",
+        "target_poses": "pipeline.products.things",
         "TargetLight": "pipeline.render.glow",
     }
 

@@ -15,9 +15,9 @@ import numpy as np
 import pipeline
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.graph.frame_tasks import exposure_of
 from pipeline.plugins.scenes.graph import LitThings
 from pipeline.plugins.scenes.tasks.images import lit_view
+from pipeline.products.draft import exposure_of
 from pipeline.render.imaging import pictures_in_lights, white_parts
 
 STAGE = Path(__file__).resolve().parent.parent / "examples/04_stereo_colour/dataset.usda"

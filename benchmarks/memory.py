@@ -26,8 +26,8 @@ from kept import keep
 
 from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.files.npy import read_npy, write_npy
-from pipeline.graph.dataset_graph import graph_of
 from pipeline.machine.facts import peak_bytes, reset_peak
+from pipeline.products.graph import graph_of
 from pipeline.records.plain import from_plain
 from pipeline.scene.load import load, require_dataset
 

@@ -21,9 +21,9 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.graph.poses import target_poses
 from pipeline.jit.work import work
 from pipeline.optics.table import CURVATURE, INDEX_RATIO, SEMI_DIAMETER_SQUARED, VERTEX
+from pipeline.products.things import target_poses
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import (
     bands_in_lights,

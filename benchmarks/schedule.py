@@ -26,8 +26,8 @@ from pipeline.engine.planning.graph import TASKS, TaskGraph
 from pipeline.engine.planning.plan import Specs
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
-from pipeline.graph.dataset_graph import graph_of
 from pipeline.machine.processor import settings
+from pipeline.products.graph import graph_of
 from pipeline.scene.load import load, require_dataset
 
 EXAMPLES = Path(pipeline.__file__).resolve().parents[1] / "examples"

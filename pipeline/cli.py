@@ -82,7 +82,7 @@ def check(
     allow_root: Roots = None,
 ) -> None:
     """Report all problems of stages, with file and line; exit with 2 if one is an error."""
-    from pipeline.graph.sizes import cost_lines
+    from pipeline.products.sizes import cost_lines
     from pipeline.scene.load import load
 
     stages_read = [(path, load(path, tuple(allow_root or ()), look=True)) for path in stages]

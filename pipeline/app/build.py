@@ -25,19 +25,19 @@ from pipeline.engine.project import Project
 from pipeline.engine.running import session
 from pipeline.engine.running.result import Result
 from pipeline.errors import UsageError
-from pipeline.graph.dataset_graph import graph_of
-from pipeline.graph.variants import folder_of, on_device, only_images, preview_of, without_pictures
 from pipeline.jit.files import cache_folder, count, make_folder, ready, set_ready
 from pipeline.jit.waits import before_compiling
 from pipeline.machine.facts import command
 from pipeline.machine.processor import settings
+from pipeline.products.camera.params import CONVENTIONS
+from pipeline.products.graph import graph_of
+from pipeline.products.variants import folder_of, on_device, only_images, preview_of, without_pictures
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.usd.roots import real_path
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
-from pipeline.tasks.params.cameras import CONVENTIONS
 
 __all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project", "run_together"]
 

@@ -20,15 +20,15 @@ from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.errors import UsageError
 from pipeline.files.drawings import pdf_bytes
 from pipeline.files.jsonfile import Json, json_bytes
-from pipeline.graph.dataset_graph import labels_of
 from pipeline.optics.first_order import first_order
+from pipeline.products.camera.make import document
+from pipeline.products.camera.params import CONVENTIONS
+from pipeline.products.camera.plan import labels_of
 from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry, TargetEntry
 from pipeline.scene.usd.problems import Problem, blamed_on
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.target import Target
-from pipeline.tasks.camera import document
-from pipeline.tasks.params.cameras import CONVENTIONS
 
 _FISHEYE = 2.5
 """Like `_CORNERS`, and tried first for very wide lenses: those of 220 degrees image up to 1.9 focal lengths."""

@@ -21,11 +21,12 @@ from pipeline.engine.records import Blob
 from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json
 from pipeline.files.tables import read_table
-from pipeline.graph.variants import without_pictures
+from pipeline.products.certificate.make import judged
+from pipeline.products.truth.params import Truth
+from pipeline.products.variants import without_pictures
+from pipeline.products.views import PlacedTarget
 from pipeline.records.plain import from_plain
 from pipeline.spelling import printable
-from pipeline.tasks.certificate import certificate
-from pipeline.tasks.params.frames import PlacedTarget, Truth
 
 _STAGE = "dataset.usda"
 _STREAM = 0x7E51
@@ -118,7 +119,7 @@ def _certificate(out: Path, build: Project, name: str, seed: int) -> Json:
     rig = Rig.of(Tracer(camera, first.table.seed ^ (_STREAM + seed)), first.square_px)
     file_of = {source[0]: path for path, source in build.files.items() if not isinstance(source, bytes)}
     tables = [(_targets(graph, task, truth), read_table(out / file_of[task])) for task, truth in truths.items()]
-    return certificate(rig, tables, first.table.shutter, first.table.settings.claim_px, seed)
+    return judged(rig, tables, first.table.shutter, first.table.settings.claim_px, seed)
 
 
 def _targets(graph: TaskGraph, task: str, truth: Truth) -> tuple[PlacedTarget, ...]:

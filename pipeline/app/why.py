@@ -15,7 +15,7 @@ from typing import Any
 from pipeline.edits import Edit
 from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 from pipeline.engine.project import Project
-from pipeline.graph.frame_tasks import frame_of
+from pipeline.products.graph import frame_of
 from pipeline.scene.edits import edits_between, is_below
 
 _PARTS = {

@@ -2,18 +2,17 @@
 
 import dataclasses
 import importlib
+import inspect
 import re
 import subprocess
 import sys
 import typing
-from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
 from places import ROOT
 
 from pipeline.app.build import build
-from pipeline.graph.adding import KINDS
 
 
 def test_rooms_import_only_downwards_and_libraries_enter_by_one_door(monkeypatch):
@@ -33,7 +32,7 @@ def command(*words: str) -> str:
     return f"sys.argv = {['pipeline', *words]}; from pipeline import cli\ntry: cli.main()\nexcept SystemExit: pass"
 
 
-TASKS = ", ".join(f"pipeline.tasks.{name}" for name in ("rays", "truth", "images", "raw_images", "colour_image"))
+TASKS = ", ".join(f"pipeline.products.{name}.make" for name in ("rays", "truth", "images", "raw", "colours"))
 
 
 @pytest.mark.parametrize(
@@ -63,17 +62,18 @@ def test_importing_the_package_changes_nothing_in_the_process():
 
 
 def test_every_kind_of_task_has_a_record_of_its_params():
-    """Frozen, and what its function takes: nobody reads params by strings. Every module of tasks holds some kind."""
-    modules = set()
-    for kind in KINDS.values():
-        name, _, function = kind.partition(":")
-        module = importlib.import_module(name)
-        record = typing.get_type_hints(getattr(module, function or "run"))["params"]
-        record = next(iter(typing.get_args(record)), record)  # of what one task takes, if several share work
-        assert dataclasses.is_dataclass(record) and record.__dataclass_params__.frozen, kind
-        modules.add(Path(module.__file__))
-    assert modules | {ROOT / "pipeline/tasks/__init__.py"} == set((ROOT / "pipeline/tasks").glob("*.py"))
-    assert not [path for path in modules if 'params["' in path.read_text(encoding="utf-8")]
+    """Frozen, and what its function takes: nobody reads params by strings."""
+    products = ROOT / "pipeline/products"
+    small = [path for path in products.glob("*.py") if "\ndef plan_" in path.read_text(encoding="utf-8")]
+    for path in [*products.glob("*/make.py"), *small]:
+        module = importlib.import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+        own = [each for _, each in inspect.getmembers(module, inspect.isfunction) if each.__module__ == module.__name__]
+        records = [each.__annotations__["params"] for each in own if "params" in each.__annotations__]
+        assert records, path
+        for record in records:
+            one = next(iter(typing.get_args(record)), record)  # of what one task takes, if several share work
+            assert dataclasses.is_dataclass(one) and one.__dataclass_params__.frozen, (path, record)
+        assert 'params["' not in path.read_text(encoding="utf-8")
 
 
 def test_a_plan_loads_no_compiler_and_no_library_of_the_tasks(tmp_path, monkeypatch):

@@ -13,8 +13,8 @@ from pipeline.camera.tracing.records import Samples, no_diffraction
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.engine.options import BuildOptions
 from pipeline.errors import EnvironmentFault, UsageError
-from pipeline.graph import variants
 from pipeline.jit import device
+from pipeline.products import variants
 
 SM_90 = "cuda sm_90, numba-cuda 0.30.4"
 

@@ -16,9 +16,9 @@ from pipeline.engine.planning.explain import describe
 from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.records import Run
 from pipeline.engine.running.session import build, forecast_of, plan_of
-from pipeline.graph.dataset_graph import graph_of
-from pipeline.graph.sizes import assumed_cost
 from pipeline.jit.work import work
+from pipeline.products.graph import graph_of
+from pipeline.products.sizes import assumed_cost
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import colours, known_white_parts
 from pipeline.render.pixel_rays import Band

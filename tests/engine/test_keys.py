@@ -21,7 +21,7 @@ from pipeline.engine.planning.task_code import code_of, is_foreign, versions_of
 from pipeline.engine.store.store import Store
 from pipeline.records.plain import Shared, to_plain
 
-TASKS = Path(pipeline.__file__).parent / "tasks"
+PRODUCTS = Path(pipeline.__file__).parent / "products"
 
 
 @pytest.mark.parametrize(
@@ -167,11 +167,11 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
     It is a fork of one that imported tasks with fewer libraries, all of which it names, too: what a task loads beyond
     its own is seen all the same.
     """
-    kinds = [path.stem for path in sorted(TASKS.glob("*.py")) if path.stem != "__init__"]
+    kinds = [f"pipeline.products.{path.parent.name}.make" for path in sorted(PRODUCTS.glob("*/make.py"))]
     assert len(kinds) >= 8
     alike, modules, known = defaultdict(list), {}, packages_distributions()
     for kind in kinds:
-        alike[frozenset(code_of(f"pipeline.tasks.{kind}", modules).libraries)].append(f"pipeline.tasks.{kind}")
+        alike[frozenset(code_of(kind, modules).libraries)].append(kind)
     found = loaded_by(alike)
     assert len(found) == len(alike)
     for libraries, names in alike.items():
@@ -188,7 +188,9 @@ def test_what_a_task_of_the_pipeline_loads_is_in_its_key():
         assert loaded - libraries == set(), names
 
 
-@pytest.mark.parametrize("kind", ["toykit.tasks.lens", "os", "pipeline.cli", "pipeline.tasks.../os", "pipeline.tasks"])
+@pytest.mark.parametrize(
+    "kind", ["toykit.tasks.lens", "os", "pipeline.cli", "pipeline.products../os", "pipeline.products"]
+)
 def test_only_tasks_of_the_pipeline_are_accepted_by_default(kind):
     with pytest.raises(ValueError, match="is not a module below"):
         TaskGraph().add("a", kind, {})

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 from pipeline.files.exr import read_exr
 from pipeline.files.tiff import read_tiff
 from pipeline.frames import rigid, rotation_vector
-from pipeline.tasks.params.frames import PosedFrame
-from pipeline.tasks.poses import poses
+from pipeline.products.poses.make import poses
+from pipeline.products.poses.params import PosedFrame
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs/reading.md").read_text(encoding="utf-8")
 TURN_DEG, BOARD_MM = 12.0, 430.0

@@ -5,7 +5,7 @@ from pathlib import Path
 from places import ROOT
 from stage_text import stage_in
 
-from pipeline.graph.dataset_graph import graph_of
+from pipeline.products.graph import graph_of
 from pipeline.scene.load import open_dataset
 
 LIT = (ROOT / "examples/04_stereo_colour/dataset.usda").read_text(encoding="utf-8")

@@ -18,12 +18,14 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.records import Acceptance
 from pipeline.files.jsonfile import write_json
 from pipeline.optics.prescription import Group, Prescription, Surface
+from pipeline.products.cameras import FOCUSED
+from pipeline.products.light import BundleLight
+from pipeline.products.micro_images.make import micro_images
+from pipeline.products.micro_images.params import MicroImageTables
+from pipeline.products.rays.make import rays, rays_tile
+from pipeline.products.rays.params import JoinedRays, RaysTile
+from pipeline.products.truth.make import RayTiles
 from pipeline.records.plain import to_plain
-from pipeline.tasks.artefacts.cameras import FOCUSED
-from pipeline.tasks.micro_images import micro_images
-from pipeline.tasks.params.cameras import BundleLight, JoinedRays, MicroImageTables, RaysTile
-from pipeline.tasks.rays import rays, rays_tile
-from pipeline.tasks.truth import RayTiles
 from pipeline.truth.grid.ray_grid import RayGrid
 
 TRONNIER = (

@@ -18,10 +18,10 @@ from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.optics.prescription import Group, Prescription, Surface
+from pipeline.products.truth.table import TargetNote
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
-from pipeline.tasks.artefacts.truth_table import TargetNote
 from pipeline.truth.direct.direct_rows import guesses, mean_rays, solve
 
 LEAST_LIGHT, NEAR_PX, SAME_PX = 0.05, 25.0, 1e-3

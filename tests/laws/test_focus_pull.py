@@ -13,7 +13,7 @@ from stage_text import tiny_text
 
 import pipeline
 from pipeline.files.tables import read_table
-from pipeline.graph.dataset_graph import graph_of
+from pipeline.products.graph import graph_of
 from pipeline.scene.load import load, open_dataset
 
 _RAYS = "            uniform bool plen:truth:rays = 1\n"

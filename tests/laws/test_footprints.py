@@ -17,6 +17,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.files.jsonfile import write_json
 from pipeline.frames import rigid
+from pipeline.products.cameras import FOCUSED, rig_of, tracer_alone
 from pipeline.records.plain import to_plain
 from pipeline.render import pixel_rays
 from pipeline.render.footprints import Footprints
@@ -28,7 +29,6 @@ from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.surfaces import Cylinder
 from pipeline.targets.target import Target
-from pipeline.tasks.artefacts.cameras import FOCUSED, rig_of, tracer_alone
 
 ROWS = (24, 40)
 """In the middle of all cameras here."""

@@ -19,12 +19,12 @@ from pipeline.camera.parts.camera import Sampling
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, FREE_WEIGHT, MEAN, WEIGHT, mixed
+from pipeline.products.positions.make import position_image
+from pipeline.products.truth.make import by_two_planes, correspondences
+from pipeline.products.truth.table import PosedPoints
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Warped
 from pipeline.targets.target import Target
-from pipeline.tasks.artefacts.truth_table import PosedPoints
-from pipeline.tasks.positions import position_image
-from pipeline.tasks.truth import by_two_planes, correspondences
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.grid import correspond as searching
 from pipeline.truth.grid.correspond import ImageOf, correspond_points

@@ -24,13 +24,13 @@ from pipeline.files.exr import Part, read_exr
 from pipeline.files.tables import Table, read_table
 from pipeline.frames import rigid
 from pipeline.motion import Motion, Shutter
+from pipeline.products.surroundings import surroundings_at, visibility_then
+from pipeline.products.views import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.records.plain import to_plain
 from pipeline.render.surroundings import Surroundings
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.patterns.circles import CircleGrid
 from pipeline.targets.target import AnyTarget, Target
-from pipeline.tasks.artefacts.surroundings import surroundings_at, visibility_then
-from pipeline.tasks.params.frames import PlacedOccluder, PlacedTarget, PlacedView
 from pipeline.truth.direct.direct_rows import guesses, solve
 from pipeline.truth.judging import Rows, differences
 from pipeline.truth.moving import solve_points, time_of_rows

@@ -14,11 +14,11 @@ from pipeline.app.show import show
 from pipeline.camera.figures.first_order_figures import report
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.files.tables import read_table
-from pipeline.graph.dataset_graph import graph_of
 from pipeline.optics.first_order import first_order
 from pipeline.optics.glass.row import medium
 from pipeline.optics.rays import traced
 from pipeline.optics.table import towards_scene, unbounded
+from pipeline.products.graph import graph_of
 from pipeline.render.radiometry import photon_rate
 from pipeline.render.sensor.response import Radiance
 from pipeline.scene.load import open_dataset

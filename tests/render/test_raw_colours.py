@@ -19,14 +19,15 @@ from pipeline.files.exr import Part, read_exr, texts_of, write_exr
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import write_json
 from pipeline.files.npy import write_npy
-from pipeline.graph.dataset_graph import graph_of
+from pipeline.products.cameras import FOCUSED, light_file
+from pipeline.products.colours import make as colour_image
+from pipeline.products.colours.params import ColourImage
+from pipeline.products.graph import graph_of
+from pipeline.products.light import ChannelLabel
+from pipeline.products.raw.make import expose
+from pipeline.products.raw.params import Expose
 from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.load import load
-from pipeline.tasks import colour_image
-from pipeline.tasks.artefacts.cameras import FOCUSED, light_file
-from pipeline.tasks.params.cameras import ChannelLabel
-from pipeline.tasks.params.outputs import ColourImage, Expose
-from pipeline.tasks.raw_images import expose
 
 STAGE = Path(__file__).parents[2] / "examples" / "04_stereo_colour" / "dataset.usda"
 SHAPE = colour.SpectralShape(380, 730, 1)
@@ -126,7 +127,7 @@ def test_viewers_find_the_primaries_of_a_colour_image(taken):
     """By them R, G and B are as near to the chart as the sensor can tell; by those of Rec. 709 they are 3 off."""
     illuminant, rgb, xyz, folder, graph = taken
     inputs = {f"channel{i}": light(folder / str(i), pixels[None]) for i, pixels in enumerate(rgb.T)}
-    colour_image.run(from_plain(ColourImage, graph["colour_image/Left.Camera/0001"].params), inputs, folder)
+    colour_image.colour_image(from_plain(ColourImage, graph["colour_image/Left.Camera/0001"].params), inputs, folder)
     header = OpenEXR.File(str(folder / "image.exr")).parts[0].header
     primaries = np.array(header["chromaticities"]).reshape(4, 2)
     matrix = colour.normalised_primary_matrix(primaries[:3], primaries[3])
@@ -166,7 +167,7 @@ def test_the_picture_and_the_spectrum_name_the_device_of_their_channels(rays, tm
         inputs[f"channel{i}"] = light(folder, pixels)
         write_bands(folder / "image.exr", [part])
         channels.append(ChannelLabel(name=name, wavelengths_nm=(nm,), shares=(1.0,)))
-    colour_image.run(ColourImage(name="image", channels=tuple(channels)), inputs, tmp_path)
+    colour_image.colour_image(ColourImage(name="image", channels=tuple(channels)), inputs, tmp_path)
     found = [texts_of(tmp_path / f"{file}.exr", part) for file, part in (("image", "image"), ("spectral", "spectral"))]
     assert [texts.get("rays") for texts in found] == [rays.get("rays")] * 2
     blue = read_exr(tmp_path / "image.exr")["image"].channels["B"]

@@ -10,7 +10,8 @@ from builds import made
 from stage_text import edited, stage_in, tiny_text
 
 from pipeline.engine.events import Done
-from pipeline.graph import adding, tiles
+from pipeline.products import draft as adding
+from pipeline.products import tiles
 
 IMAGES = ("image", "white")
 LAMP = """    def SphereLight "Lamp"

@@ -20,14 +20,14 @@ from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import write_json
 from pipeline.files.npy import write_npy
 from pipeline.files.tiff import read_tiff
+from pipeline.products.cameras import FOCUSED, light_file
+from pipeline.products.raw.make import expose
+from pipeline.products.raw.params import Expose
 from pipeline.records.plain import to_plain
 from pipeline.render.radiometry import FieldTransmission
 from pipeline.render.sensor.read_out import Shot, digital_numbers, fixed_pattern
 from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.scene.load import load
-from pipeline.tasks.artefacts.cameras import FOCUSED, light_file
-from pipeline.tasks.params.outputs import Expose
-from pipeline.tasks.raw_images import expose
 
 RAW = ("raw.tiff", "raw.dng", "raw.png")
 EXPOSED = """token plen:image:exposure = "level"

@@ -10,8 +10,7 @@ from rerun.channels import TRIANGLE, stage_at
 from stage_text import edited
 
 from pipeline.files import exr_bands
-from pipeline.graph import tiles
-from pipeline.tasks.artefacts import cameras
+from pipeline.products import cameras, tiles
 from pipeline.truth.grid import correspond as searching
 
 TILED = {"image_tile", "white_tile", "micro_images_tile"}

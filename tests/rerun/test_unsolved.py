@@ -9,7 +9,7 @@ from builds import made
 from places import DATA
 
 from pipeline.engine.events import Warned
-from pipeline.tasks import truth
+from pipeline.products.truth import make as truth
 
 
 def test_each_build_warns_of_what_stays_unsolved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from stage_text import edited, mesh_text, over_tiny
 
-from pipeline.graph.dataset_graph import graph_of
+from pipeline.products.graph import graph_of
 from pipeline.scene.load import load
 
 ASKED = 'uniform token[] plen:image:labels = ["flow", "instance", "prim"]'

@@ -100,7 +100,7 @@ def lens_of_rig(lens: Path | None, focal_length: float | None) -> Path | float:
 
 def _end(out: Path, loaded: Any) -> None:
     """Report what the new stage lacks, what it costs, and where it is."""
-    from pipeline.graph.sizes import cost_lines
+    from pipeline.products.sizes import cost_lines
 
     note(*loaded.problems, *cost_lines(loaded.dataset, loaded.cameras))
     say(out)

@@ -139,7 +139,7 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     from pipeline.engine.files import chosen_place
     from pipeline.engine.planning.explain import describe
     from pipeline.engine.running.session import forecast_of, plan_of, write_specs
-    from pipeline.graph.sizes import assumed_cost, size
+    from pipeline.products.sizes import assumed_cost, size
 
     project = project_made_of(stage, out, options.allow_roots, preview=options.preview)
     tasks = _with_edits(plan_of(project, options), project, stage)

@@ -14,7 +14,7 @@ from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
-TASKS = ("pipeline.tasks", "pipeline.plugins")
+TASKS = ("pipeline.products", "pipeline.plugins")
 
 _MOST = 6
 """Number of names in one hint: they fit into one line of a terminal."""

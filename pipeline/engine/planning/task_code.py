@@ -234,7 +234,10 @@ def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
 
 
 def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
+    for_types = {id(node) for block in ast.walk(tree) if _is_for_types(block) for node in ast.walk(block)}
     for node in ast.walk(tree):
+        if id(node) in for_types:
+            continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -242,6 +245,11 @@ def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
             yield base
             # `from base import x` imports a module x or a name x; both are tried.
             yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _is_for_types(block: ast.AST) -> bool:
+    """Whether a block is one that only checkers of types read."""
+    return isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
 
 
 def _drop_docstrings(tree: ast.Module) -> None:

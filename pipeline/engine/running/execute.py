@@ -139,7 +139,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
         work().news = work().warning = ""
         run = getattr(importlib.import_module(module_of(kind)), kind.partition(":")[2] or "run")
-        record = typing.get_type_hints(run).get("params", Any)
+        record = run.__annotations__.get("params", Any)
         if typing.get_origin(record) is Sequence:  # it takes tasks in company
             (record,) = typing.get_args(record)
             run([from_plain(record, each) for each in plain], inputs, outs)

@@ -6,14 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from pipeline.camera.parts.spectrum import alone
-from pipeline.engine.output.deliver import Source
-from pipeline.engine.planning.graph import TaskGraph
 from pipeline.frames import inverse
-from pipeline.graph.adding import add, add_tiles
-from pipeline.graph.frame_tasks import exposure_of, lights_of, shutter_in
-from pipeline.graph.poses import Things, matrix, target_poses
-from pipeline.graph.settled import camera_task
-from pipeline.graph.tiles import image_bands
 from pipeline.plugins.scenes.tasks.params import (
     BOXES,
     LABELS,
@@ -27,17 +20,21 @@ from pipeline.plugins.scenes.tasks.params import (
     PictureFile,
     source_name,
 )
+from pipeline.products.draft import Draft, exposure_of, lights_of, shutter_in
+from pipeline.products.things import Things, matrix, target_poses
+from pipeline.products.tiles import image_bands
 from pipeline.records.plain import Shared, to_plain
 from pipeline.render.lighting.records import Lighting, Material, PlacedLamp
 from pipeline.render.spectral.prints import Colours
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 
 
-def add_pictures(graph: TaskGraph, files: dict[str, Source], dataset: Dataset) -> None:
+def plan_pictures(draft: Draft) -> None:
     """Add the pictures that prims of a dataset name."""
-    for picture in dataset.pictures:
+    for picture in draft.dataset.pictures:
         params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
-        files[picture.file] = (add(graph, f"picture/{picture.name}", params), source_name(picture.suffix))
+        task = draft.add(f"picture/{picture.name}", params)
+        draft.files[picture.file] = (task, source_name(picture.suffix))
 
 
 def _picture_tasks(dataset: Dataset) -> dict[str, str]:
@@ -86,8 +83,14 @@ class LitThings(Things):
         return Lighting(lamps=tuple(lamps), coats=self._coats, finishes=tuple(finishes), bounces=bounces)
 
 
-def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, entry: CameraEntry, bare: Things) -> None:
-    """Add the labels of a camera, in its own light, in all frames, if any are asked for; `bare`: without colours."""
+def plan_labels(draft: Draft) -> None:
+    """Add the labels of the cameras of which any are asked for, each in its own light."""
+    for entry in draft.dataset.cameras:
+        _plan_labels(draft, entry)
+
+
+def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
+    dataset, bare = draft.dataset, draft.bare
     exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
     ordered = sorted(dataset.frames, key=lambda frame: frame.number)
     following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in asked}
@@ -111,21 +114,21 @@ def add_labels(graph: TaskGraph, files: dict[str, Source], dataset: Dataset, ent
             camera_motion=motions.camera if motions and in_world else None,
         )
         name = f"{entry.name}/{frame.number:04d}"
-        reads = {"camera": camera_task(graph, entry)}
+        reads = {"camera": draft.camera(entry)}
         together = f"labels/{entry.name}"
         if later := following.get(frame.number):
             then = _in_frame(dataset, entry, later)
             whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
             if then.name != entry.name:
-                reads["next"], together = camera_task(graph, then), f"labels/{entry.name}/{then.name}"
+                reads["next"], together = draft.camera(then), f"labels/{entry.name}/{then.name}"
         if whole.view.lighting:
             reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
         parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
-        tiles = add_tiles(graph, f"labels_tile/{name}", parts, reads, together, least=1)
+        tiles = draft.add_tiles(f"labels_tile/{name}", parts, reads, together, least=1)
         joined = Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
-        task, outputs = add(graph, f"labels/{name}", joined, tiles), (LABELS, PREVIEW, BOXES)
+        task, outputs = draft.add(f"labels/{name}", joined, tiles), (LABELS, PREVIEW, BOXES)
         delivered = outputs if "targets" in asked else outputs[:2]
-        files |= {f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered}
+        draft.files.update({f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered})
 
 
 def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry:

@@ -17,13 +17,13 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.files.pictures import decoded
 from pipeline.plugins.scenes.graph import LitThings
 from pipeline.plugins.scenes.lighting.lit_scene import LitScene, LitView
+from pipeline.products.surroundings import placed_occluder, placed_target
 from pipeline.records.plain import from_plain
 from pipeline.render.lighting.records import Lamp
 from pipeline.scene.lamps import shines
 from pipeline.scene.load import load
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 
 BESIDE = placed(2000, 0, -1500)
 """Where the board stands: in no image."""

@@ -11,11 +11,11 @@ import numpy as np
 from pipeline.files.npy import read_npy
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
 from pipeline.plugins.scenes.tasks.params import PICTURE, LitImage, LitPaintedView
+from pipeline.products.cameras import Inputs
+from pipeline.products.images import make as images
+from pipeline.products.surroundings import placed_occluder, placed_target, view_at
+from pipeline.products.views import PaintedView
 from pipeline.render.imaging import SceneView
-from pipeline.tasks import images
-from pipeline.tasks.artefacts.cameras import Inputs
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target, view_at
-from pipeline.tasks.params.frames import PaintedView
 
 _LAST: dict[bytes, LitView] = {}
 """The last lit view of this process, by what its triangles depend on: tasks of channels and of tiles share them."""

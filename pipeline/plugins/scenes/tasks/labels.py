@@ -17,10 +17,10 @@ from pipeline.plugins.scenes.labels.sight_lines import SightLines
 from pipeline.plugins.scenes.labels.things import Later, Things
 from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
 from pipeline.plugins.scenes.tasks.params import BOXES, LABELS, PREVIEW, Labels, LabelsTile
+from pipeline.products.cameras import Inputs, imaged_rig
+from pipeline.products.images import make as images
+from pipeline.products.surroundings import placed_occluder, placed_target
 from pipeline.render.pixel_rays import Band, Rows
-from pipeline.tasks import images
-from pipeline.tasks.artefacts.cameras import Inputs, imaged_rig
-from pipeline.tasks.artefacts.surroundings import placed_occluder, placed_target
 
 _ROWS = "rows.npy"
 _AT_ONCE = 512

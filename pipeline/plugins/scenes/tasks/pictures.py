@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.files.npy import write_npy
 from pipeline.files.pictures import decoded
 from pipeline.plugins.scenes.tasks.params import PICTURE, PictureFile, source_name
-from pipeline.tasks.artefacts.cameras import Inputs
+from pipeline.products.cameras import Inputs
 
 
 def picture(params: PictureFile, inputs: Inputs, out: Path) -> None:

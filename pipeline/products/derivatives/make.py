@@ -1,0 +1,75 @@
+"""Task `derivatives`: those of the rows of a frame, by differences of cameras with a number a step less and more."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.camera.rig import Rig
+from pipeline.exports.filestorage import write_npz
+from pipeline.files.tables import read_table
+from pipeline.products.cameras import Inputs, focused_camera, rig_of
+from pipeline.products.certificate.make import cells_of
+from pipeline.products.derivatives.params import DERIVATIVES, SIDES, RowDerivatives, SeenTargets
+from pipeline.products.surroundings import placed_target
+from pipeline.products.truth.table import PosedPoints
+from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
+from pipeline.truth.derivatives import derivatives as rates_of
+from pipeline.truth.planes import Planes
+
+_REMARKS = (
+    "row i is row i of correspondences.csv, entry j is that of names[j]; by a unit of units[j]",
+    "x_px (n, v, 2): derivatives of x_px and y_px",
+    "spread_mm2 (n, v, 2, 2): of the covariance of the bundle on the tangent plane of the point, along the row",
+    "jacobian_mm_per_px (n, 2, 2): of J on that plane by x_px and y_px; blur is the covariance mapped by its inverse",
+)
+_REMARK_OF_BLUR = "blur_px2 (n, v, 2, 2): of the columns of blur"
+
+
+def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
+    """Derivatives of all rows of a table: derivatives.npz."""
+    table = read_table(inputs["truth"]["correspondences.csv"])
+    rig = rig_of(inputs, params.seed, params.square_px)
+    names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
+    x_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
+    roles = [[f"{side}{position}" for side in SIDES] for position in range(len(params.numbers))]
+    tracers = [
+        [rig.tracer.next_to(focused_camera(inputs, role)) if role in inputs else rig.tracer for role in pair]
+        for pair in roles
+    ]
+    rows, numbers = len(names), len(params.numbers)
+    arrays = {
+        "names": np.array([number.name for number in params.numbers]),
+        "units": np.array([number.unit for number in params.numbers]),
+        "x_px": np.full((rows, numbers, 2), np.nan),
+        "spread_mm2": np.full((rows, numbers, 2, 2), np.nan),
+        "jacobian_mm_per_px": np.full((rows, 2, 2), np.nan),
+    }
+    if params.with_blur:
+        arrays["blur_px2"] = np.full((rows, numbers, 2, 2), np.nan)
+    cells = cells_of(rig, table)
+    for place, entry in enumerate(params.here.targets):
+        here = _planes(params.here, place, rig)
+        variations = [
+            Variation(
+                number.step,
+                *(
+                    Neighbour(tracer, here if seen is None else _planes(seen, place, rig))
+                    for tracer, seen in zip(of_number, (number.less, number.more), strict=True)
+                ),
+            )
+            for number, of_number in zip(params.numbers, tracers, strict=True)
+        ]
+        of_target = names == entry.name
+        solved_rows = SolvedRows(point[of_target], cells[of_target], x_px[of_target], here)
+        rates = rates_of(rig, solved_rows, variations, with_blur=params.with_blur)
+        for name in set(arrays) - {"names", "units"}:
+            arrays[name][of_target] = getattr(rates, name)
+    write_npz(out / DERIVATIVES, (*_REMARKS, *([_REMARK_OF_BLUR] if params.with_blur else [])), arrays)
+
+
+def _planes(seen: SeenTargets, place: int, rig: Rig) -> Planes:
+    """Tangent planes of the points of a target, by its place among those that are seen."""
+    entry = seen.targets[place]
+    target, pose = placed_target(entry)
+    posed = PosedPoints(entry.name, target.points(), pose)
+    return posed.before(rig, seen.shutter, entry.motion)

@@ -1,0 +1,366 @@
+"""Tasks of images and white images: whole, in tiles of rows, or in strips that take passes until their noise is low.
+
+Noise is relative to the mean of the image, which the first passes over all strips say. A strip then goes on alone.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.camera.parts.camera import REPLICAS
+from pipeline.camera.rig import Rig
+from pipeline.camera.tracer import Tracer
+from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.jsonfile import read_json, write_json
+from pipeline.files.npy import read_npy, write_npy
+from pipeline.files.png import write_png
+from pipeline.jit.work import work
+from pipeline.motion import Shutter
+from pipeline.products.cameras import Inputs, imaged_rig, in_bands, light_file, stacked, tracer_alone
+from pipeline.products.images.params import FIRST, OWN, STRIP, Image, Rendering, White
+from pipeline.products.light import Exposure
+from pipeline.products.surroundings import placed_occluder, placed_target, view_at
+from pipeline.products.views import PaintedView
+from pipeline.render import imaging
+from pipeline.render.glow import GlowingView, TargetLight
+from pipeline.render.imaging import SceneView
+from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, standard_error
+from pipeline.render.spectral.preview import srgb_preview
+
+WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
+MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
+ScenesAt = Callable[[PaintedView | None, list[float], Inputs], list[SceneView]]
+"""Reader of the view of an image, of the type that the params of its task have, at instants [s] after the time code of
+its frame."""
+
+
+class FirstFacts(NamedTuple):
+    """Facts about the rows of a strip after the first pass: the sum of all pixels, and their number."""
+
+    light: float
+    pixels: int
+
+
+class LastFacts(NamedTuple):
+    """Facts about the rows of a strip: the passes, and the root mean square of the standard errors of pixels that have
+    any.
+    """
+
+    passes: int
+    noise: float
+
+
+def level_of(inputs: Inputs) -> float:
+    """The mean of an image after the first passes over all strips."""
+    firsts = [FirstFacts(**read_json(files[FACTS])) for role, files in inputs.items() if role.startswith(FIRST)]
+    return math.fsum(first.light for first in firsts) / sum(first.pixels for first in firsts)
+
+
+def replicas_of(number: int, samples: int, render: Callable[[Batch], np.ndarray]) -> np.ndarray:
+    """Each replica of a pass, (replicas, ...); `samples` are those of the first pass in all replicas."""
+    first = max(1, samples // REPLICAS)
+    return np.stack([render(Batch(first, number, replica)) for replica in range(REPLICAS)])
+
+
+def write_first(out: Path, means: np.ndarray, image: np.ndarray) -> None:
+    """Write the replicas of a first pass, and facts about the image (h, w) that is their mean."""
+    write_npy(out / MEANS, means)
+    write_json(out / FACTS, FirstFacts(float(image.sum()), image.size)._asdict())
+
+
+def write_strip(
+    out: Path,
+    params: Rendering,
+    inputs: Inputs,
+    replicas: Callable[[int], np.ndarray],
+    image: Callable[[np.ndarray], np.ndarray] = lambda means: means,
+) -> None:
+    """Take passes over a strip until its noise is low enough, or there are as many as there may be; write the means of
+    all, and facts.
+
+    `replicas` makes those of a pass; `image` the images (replicas, h, w), in which noise is judged, of means.
+    """
+    assert params.noise is not None  # strips have one
+    level, means, passes = level_of(inputs), read_npy(inputs[OWN][MEANS]), 1
+    while (noise := noise_of(standard_error(image(means)))) > params.noise * level and passes < params.passes:
+        means = joined(means, replicas(passes))
+        passes += 1
+    write_npy(out / MEANS, means)
+    write_json(out / FACTS, LastFacts(passes, noise)._asdict())
+    if level > 0:
+        work().news = f"noise {noise / level:.2g} after pass {passes}, asked {params.noise:g}"
+
+
+class Rendered(NamedTuple):
+    """An image, (h, w) float64 relative irradiance, with further parts of its file and attributes of the first part."""
+
+    pixels: np.ndarray
+    parts: tuple[BandedPart, ...] = ()
+    labels: Mapping[str, str | float | int] | None = None
+
+
+def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
+    """An image of strips, the roles `tile0`, `tile1`, …; the mean over its replicas.
+
+    `asked` is the noise relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
+    """
+    strips = range(sum(role.startswith(STRIP) for role in inputs))
+    images = (replicas(strip) for strip in strips)
+    pixels, errors = zip(*((image.mean(axis=0), standard_error(image)) for image in images), strict=True)
+    facts = [LastFacts(**read_json(inputs[f"{STRIP}{strip}"][FACTS])) for strip in strips]
+    level = level_of(inputs)
+    labels = {
+        "noise_asked": asked,
+        "noise": max(strip_facts.noise for strip_facts in facts) / level if level > 0 else 0.0,
+        "passes_least": min(strip_facts.passes for strip_facts in facts),
+        "passes_most": max(strip_facts.passes for strip_facts in facts),
+    }
+    if labels["noise"] > asked:
+        work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {asked:g}"
+    content = f"standard error of each pixel of the image, from {REPLICAS} independent replicas"
+    error = part_of("standard_error", np.concatenate(errors), {"content": content})
+    return Rendered(np.concatenate(pixels), (error,), labels)
+
+
+def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
+    """A part of a file with one channel, (h, w)."""
+    (height, width), rows = pixels.shape, lambda first, end: pixels[first:end]
+    return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
+
+
+def white_tile(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Some rows of the image of a white scene, (h, w, wavelengths) float64, and of its part through other microlenses
+    than that of the pixel's cell: two arrays, which `white` joins and images read.
+    """
+    rig = imaged_rig(inputs, params.exposure)
+    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
+    white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
+    for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
+        write_npy(out / name, np.ascontiguousarray(pixels))
+    return white, foreign
+
+
+def white_first(params: White, inputs: Inputs, out: Path) -> None:
+    """Write the white images of all replicas, (replicas, 2, h, w, wavelengths) as of `white_parts`, and facts."""
+    rig = imaged_rig(inputs, params.exposure)
+    means = _white_replicas(params, rig, 0)
+    write_first(out, means, imaging.in_all(rig.tracer, means[:, 0]).mean(axis=0))
+
+
+def white_strip(params: White, inputs: Inputs, out: Path) -> None:
+    """Write the same after all passes that a strip needs."""
+    rig = imaged_rig(inputs, params.exposure)
+    write_strip(
+        out,
+        params,
+        inputs,
+        lambda number: _white_replicas(params, rig, number),
+        lambda means: imaging.in_all(rig.tracer, means[:, 0]),
+    )
+
+
+def _white_replicas(params: White, rig: Rig, number: int) -> np.ndarray:
+    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
+
+    def parts(batch: Batch) -> np.ndarray:
+        return imaging.white_parts(rig, batch, params.rows) if known is None else known
+
+    return replicas_of(number, params.exposure.samples, parts)
+
+
+def white(params: White, inputs: Inputs, out: Path) -> None:
+    """The image of a white scene, i.e. vignetting and, behind microlenses, micro-images: white.exr and white.png."""
+    tracer, whole = tracer_alone(inputs, params.exposure.seed), None
+    if params.noise is not None:
+        means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
+        whole = ended(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
+        white, foreign = np.concatenate(means, axis=2).mean(axis=0)
+    elif params.tiles:
+        white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
+    else:
+        white, foreign = white_tile(params, inputs, out)
+    white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
+    parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
+    if whole is not None:
+        parts += whole.parts
+    write_image(out, "white", Rendered(white, parts, whole and whole.labels), params.exposure, tracer)
+
+
+def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
+    total = float(foreign.sum() / white.sum()) if white.any() else math.nan
+    share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
+    content = "share of the light that came through another microlens than that of the pixel's cell"
+    return part_of("crosstalk", share, {"content": content, "of_all_light": total})
+
+
+def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[SceneView]:
+    """Targets and occluders that glow."""
+    assert view is not None  # tiles, passes and images without them have one
+    return [_glowing(view_at(view, time_s)) for time_s in times_s]
+
+
+def _glowing(view: PaintedView) -> SceneView:
+    targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+    if not any(view.colours):
+        return TargetLight(targets, view.background, occluders)
+    return GlowingView(targets, view.background, occluders, view.colours)
+
+
+def image_tile(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_at: ScenesAt = scenes_at) -> None:
+    """The same rows of the images of frames, which share their rays, for the task `image`: pixels.npy."""
+    for pixels, out in zip(image_rows(params, inputs, scenes_at), outs, strict=True):
+        write_npy(out / PIXELS, pixels)
+
+
+def image_rows(images: Sequence[Image], inputs: Inputs, scenes_at: ScenesAt) -> np.ndarray:
+    """The same rows of several frames, (frames, h, w) float64."""
+    exposure, rows = images[0].exposure, images[0].rows
+    white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
+    rig = imaged_rig(inputs, exposure)
+    width_px, height_px = rig.tracer.camera.sensor.size_px
+    all_rows = rows or (0, height_px)
+
+    def rendered(scenes: list[SceneView], some: Rows, columns: Rows) -> np.ndarray:
+        first, end = steadied_by(rig, columns)
+        there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
+        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
+        return light[..., columns[0] - first : columns[1] - first]
+
+    result = np.empty((len(images), all_rows[1] - all_rows[0], width_px))
+    still = [number for number, image in enumerate(images) if image.shutter is None]
+    moving = [[number] for number, image in enumerate(images) if image.shutter is not None]
+    for some in filter(None, [still, *moving]):
+        for times_s, lines, columns in exposures(images[some[0]].shutter, all_rows, (width_px, height_px)):
+            scenes = [scene for number in some for scene in scenes_at(images[number].view, times_s, inputs)]
+            light = rendered(scenes, lines, columns)
+            of_images = light.reshape(len(some), len(times_s), *light.shape[1:])
+            result[some, slice(*(line - all_rows[0] for line in lines)), slice(*columns)] = of_images.mean(axis=1)
+    return result
+
+
+def steadied_by(rig: Rig, columns: Rows) -> Rows:
+    """Columns of an image whose light has a part in that of some: those beside, too, of a conventional camera."""
+    if rig.images is not None:
+        return columns
+    return max(0, columns[0] - 1), min(columns[1] + 1, rig.tracer.camera.sensor.width_px)
+
+
+def exposures(
+    shutter: Shutter | None, rows: Rows, size_px: tuple[int, int]
+) -> Iterator[tuple[list[float], Rows, Rows]]:
+    """Instants [s] of which pixels of some rows are the mean, and their rows and columns; a still has one instant."""
+    if shutter is None:
+        yield [0.0], rows, (0, size_px[0])
+        return
+    count = shutter.instants if shutter.exposure_s else 1
+    after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    for opens_s, some, columns in shutter.lines(rows, size_px):
+        yield (opens_s + after_s).tolist(), some, columns
+
+
+def image_first(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
+    """Write what is sampled of all replicas, (replicas, h, w), facts, and the colours of the rest, (2, h, w,
+    wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
+    """
+    now, colour = _image_replicas(params, inputs, 0, None, scenes_at)
+    known = imaging.known_in_lights(tracer_alone(inputs, params.exposure.seed), _first_white(inputs), colour)
+    write_npy(out / COLOURS, colour)
+    write_first(out, now, now.mean(axis=0) + known)
+
+
+def image_strip(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
+    """Write what is sampled in all passes that a strip needs."""
+    kept = None if params.shutter else read_npy(inputs[OWN][COLOURS])[None]
+    write_strip(out, params, inputs, lambda number: _image_replicas(params, inputs, number, kept, scenes_at)[0])
+
+
+def _first_white(inputs: Inputs) -> np.ndarray:
+    return read_npy(inputs["white"][MEANS]).mean(axis=0)  # type: ignore[no-any-return]
+
+
+def _image_replicas(
+    params: Image, inputs: Inputs, number: int, kept: np.ndarray | None, scenes_at: ScenesAt
+) -> tuple[np.ndarray, np.ndarray]:
+    """What a pass samples, and the colours of the rest, as `image_first` has them; `kept` are known colours."""
+    rows, shutter = params.rows, params.shutter
+    assert rows is not None  # passes are over strips
+    rig, white, parts = imaged_rig(inputs, params.exposure), _first_white(inputs), []
+    for times_s, some, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
+        scenes = scenes_at(params.view, times_s, inputs)
+        first, end = steadied_by(rig, columns)
+        bands = imaging.bands_in_lights(rig, some, (first, end))
+        there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
+        colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
+        sampled = partial(_sampled, rig, bands, scenes, there, colour)
+        light = replicas_of(number, params.exposure.samples, sampled)
+        seen = np.nan_to_num(colour).mean(axis=0) if shutter else colour[0]
+        own = slice(columns[0] - first, columns[1] - first)
+        parts.append((light[..., own], seen[..., own, :]))
+    now, colour = (np.concatenate(part, axis=2 - shutter.axis if shutter else 1) for part in zip(*parts, strict=True))
+    return now, colour
+
+
+def _sampled(
+    rig: Rig, bands: list[Band], scenes: list[SceneView], white: np.ndarray, colour: np.ndarray, batch: Batch
+) -> np.ndarray:
+    return imaging.sampled_in_lights(rig, bands, batch, scenes, white, colour).mean(axis=0)
+
+
+def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_at: ScenesAt = scenes_at) -> None:
+    """The image of a camera in a frame, linear and as a preview: image.exr and image.png.
+
+    It is that of tiles or strips; without these, several frames share their rays.
+    """
+    first, exposure = params[0], params[0].exposure
+    if first.noise is not None:
+        images = [_from_strips(first.noise, exposure, inputs)]
+    elif first.tiles:
+        images = [Rendered(stacked(inputs, first.tiles, PIXELS))]
+    else:
+        images = list(map(Rendered, image_rows(params, inputs, scenes_at)))
+    for rendered, out in zip(images, outs, strict=True):
+        write_image(out, "image", rendered, exposure, tracer_alone(inputs, exposure.seed))
+
+
+def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
+    """The image of strips of it and of the white image; each replica takes the same one of both."""
+    tracer = tracer_alone(inputs, exposure.seed)
+
+    def replicas(strip: int) -> np.ndarray:
+        colour = read_npy(inputs[f"{FIRST}{strip}"][COLOURS])
+        known = [imaging.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
+        return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(known)  # type: ignore[no-any-return]
+
+    return ended(inputs, noise, replicas)
+
+
+def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
+    """Write `name`.exr, relative irradiance with its reference in the header, `name`.png, an 8-bit preview, and for
+    tasks that read it an array."""
+    by_area, pixels = tracer.camera.weight == "area", image.pixels
+    measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
+    attributes = {
+        "content": f"relative irradiance: integral of L {measure} over W_ref",
+        "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
+        **labels_of(exposure),
+        **(image.labels or {}),
+    }
+    write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *image.parts])
+    write_npy(out / light_file(name), pixels.astype(np.float32))
+    write_png(out / f"{name}.png", in_bands(len(pixels), lambda first, end: srgb_preview(pixels[first:end], 1.0)))
+
+
+def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
+    """Attributes in the header of an image that describe its rays."""
+    labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
+    del labels["channel"]
+    if device := labels.pop("device"):
+        labels["rays"] = f"float32, {device}"
+    if labels.pop("diffraction"):
+        labels["diffraction"] = "of the stop, or of each microlens"
+    return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}

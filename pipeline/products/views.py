@@ -1,0 +1,49 @@
+"""What is before a camera in a frame, as parameters of several products have it."""
+
+from dataclasses import dataclass
+
+from pipeline.files.jsonfile import Json
+from pipeline.motion import Motion
+from pipeline.render.spectral.prints import Colours
+
+Matrix = list[list[float]]
+"""A transform a_from_b, row by row, (4, 4) [mm]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedTarget:
+    """A target in a frame, as `target_from_plain` reads it; its name is empty if the task must not depend on it, and it
+    has a motion where a shutter is open while it moves.
+    """
+
+    name: str
+    target: Json
+    vision_from_target: Matrix
+    motion: Motion | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedOccluder:
+    """An occluder in a frame; `occluder` is a plain `targets.mesh.Occluder`."""
+
+    occluder: Json
+    vision_from_occluder: Matrix
+    motion: Motion | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlacedView:
+    """Everything in a frame, in the vision frame of a camera."""
+
+    targets: tuple[PlacedTarget, ...]
+    occluders: tuple[PlacedOccluder, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PaintedView(PlacedView):
+    """A view with the radiance of everything and of the background; `colours` are those of each target, empty for a
+    neutral one.
+    """
+
+    background: float
+    colours: tuple[Colours, ...] = ()
