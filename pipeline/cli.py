@@ -120,9 +120,7 @@ def show(
     ] = None,
     allow_root: Roots = None,
 ) -> None:
-    """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays over the
-    field.
-    """
+    """Print the properties of a camera or a lens: focal lengths, pupils, focus, depth of field, real rays."""
     from pipeline.app import show as shows
     from pipeline.results.notebook import require_plots
 
@@ -181,9 +179,9 @@ def verify(
 ) -> None:
     """Check a finished folder, and a sample of its ground truth with another seed; exit with 6 if it disagrees.
 
-    Only the folder is needed. Every file is compared with the manifest, which lists what a build of the folder's stage
-    writes. 135 rows of each camera are judged by the certificate with another seed. All other columns and files are
-    compared by digest only. Nothing is signed: this finds accidents and mistakes, not forgery.
+    Only the folder is needed. Every file is compared with the manifest, which lists the files that a build of the
+    folder's stage writes. The certificate judges 135 rows of each camera with another seed. All other columns and files
+    are compared by digest only. Nothing is signed: verification finds accidents and mistakes, not forgery.
     """
     from pipeline.app.pages.ending import lines_of_verdict
     from pipeline.app.verify import verify as verdict_on

@@ -43,11 +43,11 @@ def pdf_bytes(pages: Sequence[tuple[float, float, str]]) -> bytes:
         content = f"q {_POINTS_PER_MM:.12f} 0 0 {_POINTS_PER_MM:.12f} 0 0 cm\n{operators}\nQ\n"
         objects.append(f"<< /Length {len(content.encode('latin-1', 'replace'))} >>\nstream\n{content}endstream")
     data = f"%PDF-1.4\n% {SAYS}\n".encode()
-    places = []
+    offsets = []
     for number, text in enumerate(objects, start=1):
-        places.append(len(data))
+        offsets.append(len(data))
         data += f"{number} 0 obj\n{text}\nendobj\n".encode("latin-1", "replace")
-    table = "".join(f"{place:010d} 00000 n \n" for place in places)
+    table = "".join(f"{offset:010d} 00000 n \n" for offset in offsets)
     size = len(objects) + 1
     tail = f"trailer\n<< /Size {size} /Root 1 0 R >>\nstartxref\n{len(data)}\n%%EOF\n"
     return data + f"xref\n0 {size}\n0000000000 65535 f \n{table}{tail}".encode("ascii")

@@ -255,7 +255,7 @@ def _scaled(target: Any, scale: float) -> Any:
 def _comment(pose: BoardPose) -> str:
     middle = np.nanmean(pose.seen_px[0], axis=0)
     where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.away_mm:.1f} mm away"
-    return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.seen} of {pose.seen_px.shape[1]} points"
+    return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.fewest_visible} of {pose.seen_px.shape[1]} points"
 
 
 def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:

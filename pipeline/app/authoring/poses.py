@@ -104,7 +104,7 @@ class BoardPose:
     seen_px: np.ndarray
 
     @property
-    def seen(self) -> int:
+    def fewest_visible(self) -> int:
         """Number of points visible to the camera that sees fewest."""
         return int(np.isfinite(self.seen_px[:, :, 0]).sum(axis=1).min())
 

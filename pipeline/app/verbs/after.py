@@ -77,7 +77,7 @@ def export(
 ) -> None:
     """Write the exact positions, cameras and poses of a build as files that other programs read.
 
-    docs/exports.md has what their numbers mean: pixel origin, axes, poses, units, numbers of microlenses.
+    docs/exports.md states the meaning of their numbers: pixel origin, axes, poses, units, numbering of microlenses.
     """
     from pipeline.engine.files import chosen_place
     from pipeline.exports.export import Request

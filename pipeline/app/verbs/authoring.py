@@ -36,7 +36,7 @@ def dataset(
     blur: Annotated[
         float | None, valued("PX", "Largest blur; 3, or behind microlenses as the rig says.", min=0.1, max=1e4)
     ] = None,
-    seed: Annotated[int, valued("S", "Other poses of the same kind.", min=0)] = 1,
+    seed: Annotated[int, valued("S", "Seed of the poses.", min=0)] = 1,
     fit: Annotated[bool, typer.Option("--fit", help="Scale the target to inform a calibration best.")] = False,
     best: Annotated[
         int | None, valued("N", "Instead of --poses: the N most informative of many.", min=2, max=100)
@@ -44,8 +44,8 @@ def dataset(
 ) -> None:
     """Write a dataset whose poses fill the field of view and the depth of field of the real lens.
 
-    It says how well a calibration by them will know the camera, and what limits that. The same command writes the same
-    file. It is a text to go on from: every pose has a comment.
+    It predicts how well a calibration by these poses determines the camera, and what limits that. Repeating the command
+    writes an identical file. The file is a starting point to edit: every pose has a comment.
     """
     from pipeline.app.authoring.best import CANDIDATES
     from pipeline.app.authoring.new_dataset import new_dataset

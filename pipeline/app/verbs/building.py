@@ -234,11 +234,10 @@ def ensemble(
     jobs: Jobs = None,
     allow_root: Roots = None,
 ) -> None:
-    """Build cameras drawn by the tolerances of a dataset, and say what they differ by; exit with 6 if a certificate
-    of one fails.
+    """Build cameras drawn by the tolerances of a dataset, and print their spread; exit with 6 if a certificate fails.
 
-    Each is a layer OUT/member_0001.usda over the dataset, and its build beside it. Numbers are those of the member and
-    of the seed, however many there are. docs/as_built.md.
+    Each is a layer OUT/member_0001.usda over the dataset, with its build beside it. Errors depend on the member's
+    number and the seed, not on the number of members. docs/as_built.md.
     """
     from pipeline.app import ensemble as ensembles
     from pipeline.app.build import run_together

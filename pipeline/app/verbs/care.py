@@ -45,8 +45,9 @@ def gc(
     dry_run: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would be removed.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Remove the least recently used results until the store fits the size, and files that nothing refers to. Results
-    of finished builds are kept.
+    """Remove the least recently used results until the store fits the size, and files that nothing refers to.
+
+    Results of finished builds are kept.
     """
     from pipeline.engine.maintenance import bytes_of, collect, limit_from_environment
     from pipeline.engine.store.store import Store
@@ -67,7 +68,7 @@ def gc(
 
 
 def warm() -> None:
-    """Compile all kernels now, after an upgrade or in the image of a container: no build waits for them then."""
+    """Compile all kernels now, after an upgrade or in a container image, so that no build waits for them."""
     from pipeline.app.build import STEPS, warm_up
     from pipeline.engine.files import nearest_existing
     from pipeline.errors import EnvironmentFault
@@ -85,9 +86,9 @@ _SIGNS = {"fine": " ", "doubt": "?", "wrong": "!"}
 
 
 def doctor(as_json: Json = False) -> None:
-    """Look at versions, processor, device, store, disk, plug-in and settings; exit with 5 if something is wrong.
+    """Check versions, processor, device, store, disk, plug-in and settings; exit with 5 if something is wrong.
 
-    Lines that begin with ? may cost time or room; those with ! keep the pipeline from working. Both say what to do.
+    Lines that begin with ? may cost time or room; those with ! keep the pipeline from working. Both state a remedy.
     """
     from pipeline.app.doctor import findings
 

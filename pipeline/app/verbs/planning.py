@@ -68,9 +68,7 @@ def explain(
     as_json: Json = False,
     allow_root: Roots = None,
 ) -> None:
-    """Print why a task, or any task, would run: the attribute, frame and line that were edited. Similar tasks share one
-    line.
-    """
+    """Print why a task, or any task, would run: the edited attribute, frame and line. Similar tasks share one line."""
     from pipeline.engine.planning.explain import describe_alike
     from pipeline.engine.project import tasks_of
     from pipeline.engine.running.session import plan_of
@@ -86,8 +84,10 @@ def explain(
 
 
 def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roots = None) -> None:
-    """Print by frame which files of the output folder a build of the stage, as it is now, would leave as they are:
-    built, stale or missing; maybe stale, where that depends on a task that has to run.
+    """Print by frame the state of the files of the output folder: built, stale, missing, or maybe stale.
+
+    Built files are as a build of the present stage would leave them. Maybe stale are those that depend on a task that
+    has to run.
     """
     from pipeline.engine.running.session import status_of
 
@@ -172,7 +172,7 @@ def graph(
     out: Out = None,
     allow_root: Roots = None,
 ) -> None:
-    """Print the graph of tasks, and which of them are done: a flow chart that Markdown viewers draw."""
+    """Print the graph of tasks and their states as a flow chart, which Markdown viewers draw."""
     from pipeline.engine.planning.collapsed_graph import as_mermaid, overview
     from pipeline.engine.running.session import plan_of
 

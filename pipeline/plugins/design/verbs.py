@@ -19,7 +19,7 @@ def plenoptic(
     lens: LensOfRig = None,
     focal_length: FocalLength = None,
     near: Annotated[float | None, valued("MM", "Near end of the depth of field, from the stop.", min=0)] = None,
-    far: Annotated[float | None, valued("MM", "Its far end; inf.", min=0)] = None,
+    far: Annotated[float | None, valued("MM", "Far end of the depth of field; inf.", min=0)] = None,
     magnification: Annotated[
         float | None, valued("M", "Instead of a range: of the main lens, in its middle.", min=1e-6, max=1e6)
     ] = None,
@@ -38,7 +38,7 @@ def plenoptic(
     blur: Annotated[float, valued("PX", "Largest blur that counts as sharp.", min=0.01)] = 1.0,
     as_json: Json = False,
 ) -> None:
-    """Write a plenoptic rig for a depth of field or a magnification, and print what real rays make of it.
+    """Write a plenoptic rig for a depth of field or a magnification, and print its judgement by real rays.
 
     The page has the depth of field of each type, lateral and depth resolution, micro-images over the field, distances
     of refocusing and viewpoints of views. Formulas design, rays judge.

@@ -41,7 +41,7 @@ def frame(x_mm: float, y_mm: float, z_mm: float, *turns_deg: float) -> np.ndarra
     return rigid(turn.as_matrix(), np.array([x_mm, y_mm, z_mm]))
 
 
-def _place(there: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _position(there: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The point and the turns of a frame, as `frame` takes them."""
     from scipy.spatial.transform import Rotation
 
@@ -61,7 +61,7 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
         return not np.round([*there[:2, 3], *there[:2, 2]], _DIGITS).any()
 
     axis = max(frames[:-1], key=lambda one: sum(is_on(one, other) for other in frames[:-1]))
-    places = [_place(inverse(axis) @ one) for one in frames]
+    places = [_position(inverse(axis) @ one) for one in frames]
     surfaces = []
     for i, surface in enumerate(lens.surfaces):
         (x, y, z), (*tilt_deg, roll_deg) = places[i]
