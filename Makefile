@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 CORE := $(VENV)/.core
 STAMP := $(VENV)/.installed
 INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check --no-compile -c constraints.txt
-# Each process needs 20 s to load what tests share. Proofs have one more than cores: they wait for programs that they start.
+# Each process needs 10 s to load what tests share. Proofs have one more than cores: they wait for programs that they start.
 WORKERS = $(shell $(PYTHON) -c 'import os; print(min(os.cpu_count() or 1, 4))')
 proofs referees: WORKERS = $(shell $(PYTHON) -c 'import os; print(min((os.cpu_count() or 1) + 1, 4))')
 # Which tests make a run long.

@@ -42,14 +42,10 @@ ROWS = {"01_conventional": (190, 200), "02_plenoptic": (190, 200)}
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--small", action="store_true", help="few rays: does it run at all?")
+    parser.add_argument("--small", action="store_true", help="no race, and one row of each image")
     small = parser.parse_args().small
-    double_s, single_s = raced(tronnier(), 10 if small else 2000, 2 if small else 15)
-    ratio = double_s / single_s
-    print(f"trace alone: float64 {1e9 * double_s:.1f} ns a ray, float32 {1e9 * single_s:.1f} ns, ratio {ratio:.2f}")
-    whole_s, kernel_s = of_image((0, 2) if small else (190, 290), 2 if small else 5)
-    print(f"image: {1e9 * whole_s:.1f} ns a ray, {1e9 * kernel_s:.1f} of it in the kernel that starts and traces rays")
-    print(f"so an image would gain at most {whole_s / (whole_s - double_s + single_s):.2f}")
+    if not small:
+        race()
     for name, rows in ROWS.items():
         off = moved(name, (rows[0], rows[0] + 1) if small else rows)
         print(f"{name} in float32: of {off.rays} rays {off.lost} pass in one precision only; in focus")
@@ -58,12 +54,22 @@ def main() -> None:
         print(f"  and its light by {off.light:.1e} of it at most")
 
 
-def raced(race: Race, packets: int, turns: int) -> tuple[float, float]:
+def race() -> None:
+    """Print what single precision gains, alone and in an image."""
+    double_s, single_s = raced(tronnier(), 2000, 15)
+    ratio = double_s / single_s
+    print(f"trace alone: float64 {1e9 * double_s:.1f} ns a ray, float32 {1e9 * single_s:.1f} ns, ratio {ratio:.2f}")
+    whole_s, kernel_s = of_image((190, 290), 5)
+    print(f"image: {1e9 * whole_s:.1f} ns a ray, {1e9 * kernel_s:.1f} of it in the kernel that starts and traces rays")
+    print(f"so an image would gain at most {whole_s / (whole_s - double_s + single_s):.2f}")
+
+
+def raced(lens: Race, packets: int, turns: int) -> tuple[float, float]:
     """Seconds a ray in double and single precision."""
-    position, direction = race.rays(1000 * PACKET, FIELD_DEG)
-    start = position - [0.0, 0.0, race.prescription.vertices_mm[race.prescription.stop_index]]
+    position, direction = lens.rays(1000 * PACKET, FIELD_DEG)
+    start = position - [0.0, 0.0, lens.prescription.vertices_mm[lens.prescription.stop_index]]
     rays = np.hstack([start, direction, np.ones((len(start), 1))])[::1000].T
-    table, least = table_of(race), []
+    table, least = table_of(lens), []
     for traced, kind in ((_in_double, np.float64), (_in_single, np.float32)):
         repeat, given = _repeating(traced), rays.astype(kind)
         packet = Packet(*given.copy(), np.empty((7, PACKET), kind), np.empty(PACKET, kind))
