@@ -19,7 +19,7 @@ from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.store.store import Store, default_root
 from pipeline.errors import EnvironmentFault, PipelineError
 from pipeline.folders import share
-from pipeline.jit.files import cache_folder, ready
+from pipeline.jit.files import REMEDY, cache_folder, can_keep, ready
 from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import level
 from pipeline.spelling import human
@@ -56,7 +56,7 @@ class Finding:
 
 def findings() -> Iterator[Finding]:
     """All findings, each computed when it is asked for; none raises."""
-    for look in (_python, _libraries, _processor, _memory, _device, _store, _kernels, _disk, _usd, _library, _settings):
+    for look in (_python, _libraries, _processor, _memory, _store, _kernels, _device, _disk, _usd, _library, _settings):
         try:
             yield from look()
         except (PipelineError, OSError) as error:
@@ -112,11 +112,11 @@ def _store() -> Iterator[Finding]:
 
 
 def _kernels() -> Iterator[Finding]:
-    folder = cache_folder()
+    folder, mend = cache_folder(), "" if can_keep() else REMEDY
     there = ready(folder)
     names = ", ".join(step for step in STEPS if step in there) or "nothing yet"
     advice = "" if there.issuperset(STEPS) else "; others are compiled when needed, or now by `pipeline warm`"
-    yield Finding("kernels", f"{folder}, ready for {names}{advice}")
+    yield Finding("kernels", f"{folder}, ready for {names}{advice}", mend)
 
 
 def _disk() -> Iterator[Finding]:

@@ -24,6 +24,7 @@ from pipeline.folders import user_cache
 from pipeline.machine.processor import level
 
 _HOME = "PIPELINE_JIT_CACHE"
+REMEDY = f"set {_HOME} to a folder that is yours alone and that you may write to"
 _PACKAGE = Path(__file__).resolve().parents[1]
 _DECORATED = re.compile(rb"^@(kernel|opaque|unit|inline)$", re.MULTILINE)
 _IMPORTED = re.compile(rb"^(?:from|import) (pipeline[\w.]*)", re.MULTILINE)
@@ -50,16 +51,22 @@ def cache_folder() -> Path:
     return (Path(home) if home else user_cache() / "jit") / _digest()
 
 
-def make_folder() -> Path:
-    """Make the folder of compiled kernels, for this user alone.
-
-    Where that cannot be, a temporary one stands in, for this process and those that it starts, with a copy of what may
-    be read: Numba takes no code from a folder that it cannot write to.
-    """
+def can_keep() -> bool:
+    """Make the folder of compiled kernels, and say whether this user, and no other, may write to it."""
     folder = cache_folder()
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if _is_private(folder) and os.access(folder, os.W_OK):
+    return _is_private(folder) and os.access(folder, os.W_OK)
+
+
+def make_folder() -> Path:
+    """Make a folder for compiled kernels.
+
+    Where none can be kept, a temporary one stands in, for this process and those that it starts, with a copy of what
+    may be read: Numba takes no code from a folder that it cannot write to.
+    """
+    folder = cache_folder()
+    if can_keep():
         return folder
     home = Path(tempfile.mkdtemp(prefix="kernels-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
@@ -67,10 +74,7 @@ def make_folder() -> Path:
     if _is_private(folder):
         shutil.copytree(folder, stand_in)
     else:
-        say(
-            f"cannot keep compiled kernels in {folder}, so that each run compiles them; "
-            f"set {_HOME} to a folder that is yours alone and that you may write to"
-        )
+        say(f"cannot keep compiled kernels in {folder}, so that each run compiles them; {REMEDY}")
         stand_in.mkdir()
     os.environ[_HOME] = str(home)
     return stand_in

@@ -55,8 +55,8 @@ def test_the_doctor_finds_nothing_wrong_here(in_this_process):
 
 
 def test_kernels_that_nobody_may_keep_are_not_compiled_beforehand(in_this_process, monkeypatch, tmp_path):
-    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path / "jit"))
-    monkeypatch.setattr("os.access", lambda path, mode: False)
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path / "file"))
     code, text, log = in_this_process("warm")
     assert (code, text) == (5, "") and "PIPELINE_JIT_CACHE" in log and "compiling" not in log
 
@@ -73,6 +73,7 @@ def test_the_doctor_says_what_to_mend(in_this_process, monkeypatch):
     monkeypatch.setenv("PIPELINE_CACHE_SIZE", "plenty")
     monkeypatch.setenv("PXR_PLUGINPATH_NAME", "/gone/plenScene")
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    monkeypatch.setenv("PIPELINE_JIT_CACHE", "/dev/null")
     code, text, _ = in_this_process("doctor")
     lines = text.splitlines()
     flagged = {line.split()[1]: (line[0], lines[i + 1].strip()) for i, line in enumerate(lines) if line[0] in "!?"}
@@ -81,4 +82,5 @@ def test_the_doctor_says_what_to_mend(in_this_process, monkeypatch):
     assert flagged["store"] == ("!", "mend: write for example 500M or 50G")
     assert flagged["plug-in"][0] == "?" and "/gone/plenScene" in flagged["plug-in"][1]
     assert flagged["PYTHONDONTWRITEBYTECODE"][0] == "?"
+    assert flagged["kernels"][0] == "?" and "set PIPELINE_JIT_CACHE" in flagged["kernels"][1]
     assert lines[-1].startswith("2 problems, ")

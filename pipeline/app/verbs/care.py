@@ -70,14 +70,11 @@ def gc(
 def warm() -> None:
     """Compile all kernels now, after an upgrade or in a container image, so that no build waits for them."""
     from pipeline.app.build import STEPS, warm_up
-    from pipeline.engine.files import nearest_existing
     from pipeline.errors import EnvironmentFault
-    from pipeline.jit.files import cache_folder, ready
+    from pipeline.jit.files import REMEDY, cache_folder, can_keep, ready
 
-    folder = cache_folder()
-    if not ready(folder).issuperset(STEPS) and not os.access(nearest_existing(folder), os.W_OK):
-        hint = "set PIPELINE_JIT_CACHE to a folder that you may write to"
-        raise EnvironmentFault(f"cannot keep compiled kernels in {folder}", hint=hint)
+    if not ready(cache_folder()).issuperset(STEPS) and not can_keep():
+        raise EnvironmentFault(f"cannot keep compiled kernels in {cache_folder()}", hint=REMEDY)
     warm_up(STEPS)
     say(f"kernels are ready in {cache_folder()}")
 
