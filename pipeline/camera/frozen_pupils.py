@@ -28,7 +28,8 @@ class FrozenPupils:
     """
 
     def __init__(self, tracer: Tracer, bundles: Bundles, level: int, effort: Effort) -> None:
-        self._level, nodes = level, bundles.at_nodes(level)[0]
+        self._level = level
+        nodes, _ = bundles.at_nodes(level)
         self._regions = [
             regions(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens, effort)
             for light in tracer.lights
@@ -41,7 +42,9 @@ class FrozenPupils:
         Moments are NaN for an empty bundle, or one that is not star-shaped.
         """
         nodes, share = bundles.at_nodes(self._level)
-        parts, rays, n = [], 0, len(bundles.x_px)
+        parts = []
+        rays = 0
+        n = len(bundles.x_px)
         for light, frozen in zip(tracer.lights, self._regions, strict=True):
             neighbour = frozen.next_to(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens)
             moments, status, more = neighbour.moments(nodes.planes, NODES[self._level], is_last=False)

@@ -123,7 +123,8 @@ def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
 
 
 def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> _Levels:
-    last, positions = levels[-1] if last is None else last, tracer.positions_mm(*bundles.x_px.T)
+    last = levels[-1] if last is None else last
+    positions = tracer.positions_mm(*bundles.x_px.T)
     lit = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
     parts = [lit.moments(bundles.planes, NODES[level], level == last) for level in levels]
     return [(part.moments, part.status) for part in parts], lit.rays + sum(part.rays for part in parts)

@@ -58,7 +58,8 @@ def sum_bundles(camera, planes, samples, starts, moments):
     row = n if planes.shape[0] > 1 else 0
     started = False
     anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
-    count, crossing, weight, alive = samples.bits.shape[1], of_share[:4], of_share[4], of_share[5]
+    count = samples.bits.shape[1]
+    crossing, weight, alive = of_share[:4], of_share[4], of_share[5]
     clear(sums, total)
     for first in range(0, count, SHARE):
         size = min(SHARE, count - first)
@@ -92,7 +93,8 @@ def moments_on_device(
 ) -> None:
     """Write the moments of many bundles; EnvironmentFault: the device of that name cannot be used."""
     require_device(device)
-    each_its_planes, camera, samples = len(planes) > 1, resident(camera), resident(samples)
+    each_its_planes = len(planes) > 1
+    camera, samples = resident(camera), resident(samples)
     for first in range(0, len(moments), _AT_ONCE):
         batch = slice(first, first + _AT_ONCE)
         device_starts, device_moments = resident(starts.part(batch)), room(moments[batch].shape)
@@ -182,7 +184,8 @@ class ImageRays:
 
     def started(self, squares: Squares) -> Float32[np.ndarray, "7 rays"]:
         """All rays from squares, in the order of squares, microlenses and samples, for `leaving_rays`."""
-        started, rays = Started.of(squares.counts), room((_COLUMNS, int(squares.counts.sum())), np.float32)
+        started = Started.of(squares.counts)
+        rays = room((_COLUMNS, int(squares.counts.sum())), np.float32)
         if rays.size:
             light = self._samples, resident(squares), self._diffraction
             trace_squares(_blocks(len(started.owner)), _THREADS, self._cameras, *light, resident(started), rays)

@@ -57,7 +57,8 @@ class Rig:
         """Centre of the micro-image and row of the middle microlens of each type; empty without microlenses."""
         if self.images is None or self.tracer.lattice is None:
             return ()
-        kind, middles = self.tracer.lattice.type, []
+        kind = self.tracer.lattice.type
+        middles = []
         for number in range(kind.max() + 1):
             rows = np.flatnonzero(kind == number)
             nearest = rows[np.argmin(np.hypot(*self.tracer.vertices_mm[rows].T))]

@@ -117,7 +117,8 @@ class Tracer:
             size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
             extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
             slack = sensor.pitch_mm * np.sqrt(0.5)
-        middle, reach = (0.0, 0.0, self.film_z_mm), (float(extents[0]), float(extents[1]))
+        middle = (0.0, 0.0, self.film_z_mm)
+        reach = (float(extents[0]), float(extents[1]))
         return grid_outlines(self.camera.prescription, middle, reach, float(slack), self.margin, self.camera.film)
 
     def on_film(self, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:

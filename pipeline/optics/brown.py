@@ -96,7 +96,9 @@ def undistorted(b, x_image, y_image):
 def turned_with_distortion(row, ray):
     """The ray on the plane of an ideal thin lens, deflected by its power and its distortion."""
     b = brown_of(row)
-    across, up, undone = ray.dx / ray.dz, ray.dy / ray.dz, 1.0
+    across = ray.dx / ray.dz
+    up = ray.dy / ray.dz
+    undone = 1.0
     if row[TERMS] == TOWARDS_SCENE:
         across, up, undone = undistorted(b, across - b.vergence * ray.x, up - b.vergence * ray.y)
         across, up = across + (b.vergence - b.power) * ray.x, up + (b.vergence - b.power) * ray.y

@@ -103,7 +103,8 @@ def trace_packet(table, packet, count):
 @inline
 def _through_plane(row, packet, count):
     """Move rays to a plane and refract."""
-    cap, mu = cap_of(row), row[column.INDEX_RATIO]
+    cap = cap_of(row)
+    mu = row[column.INDEX_RATIO]
     for i in range(count):
         put_point(packet, i, to_plane(cap, ray_of(packet, i)))
     if mu != 1.0:
@@ -139,7 +140,8 @@ def _through_relief(row, packet, count):
 
 @opaque
 def _through_cylinder(row, packet, count):
-    shape, mu = shape_of(row), row[column.INDEX_RATIO]
+    shape = shape_of(row)
+    mu = row[column.INDEX_RATIO]
     for i in range(count):
         put(packet, i, through_cylinder(shape, mu, ray_of(packet, i)))
 

@@ -200,7 +200,8 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
     coefficients, odd = _polynomial(surface)
     terms: float = max(len(coefficients), LOW_TERMS) if coefficients else 0
     third = float(odd)
-    conic, form = 0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0, REVOLVED
+    conic = 0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0
+    form = REVOLVED
     if surface.is_cylinder and surface.curvature_per_mm != 0:
         form = CYLINDER
     if surface.relief is not None:

@@ -47,7 +47,7 @@ class Correspondences:
     rho_px: Float64[np.ndarray, "n"]
     counts: dict[str, int]  # numbers of solutions found, rejected and dropped, by reason
     method: Shaped[np.ndarray, "n"]  # name of the method that found each row
-    # Points and cells of candidates that may have rows that no search found
+    # Points and cells of candidates that may have rows but were not solved
     unsolved: Int64[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
     def only(self, kept: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"]) -> "Correspondences":

@@ -69,7 +69,8 @@ def pixel_doubts(sensor: Sensor) -> Iterator[Doubt]:
 
 
 def _stop(camera: Camera) -> Iterator[Doubt]:
-    lens, wide = first_order(camera.prescription), 2 * camera.prescription.stop.semi_diameter_mm
+    lens = first_order(camera.prescription)
+    wide = 2 * camera.prescription.stop.semi_diameter_mm
     ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
     widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
     if wide > _TOO_WIDE * widest:
@@ -82,7 +83,8 @@ def _stop(camera: Camera) -> Iterator[Doubt]:
 
 
 def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
-    lens, (width, height) = first_order(camera.prescription), camera.sensor.size_mm
+    lens = first_order(camera.prescription)
+    width, height = camera.sensor.size_mm
     behind, ahead = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead
     if array.pitch_mm > min(width, height) / 2:
@@ -112,7 +114,8 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
 
 def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterator[Doubt]:
     """Warn if micro-images, `spread` times as far from the axis as their microlenses, leave the sensor partly dark."""
-    grid, sizes = lattice(array), sensor.size_mm
+    grid = lattice(array)
+    sizes = sensor.size_mm
     if not len(grid.k):
         return
     covered = [
@@ -132,7 +135,8 @@ def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterato
 
 def _image_circle(camera: Camera) -> Iterator[Doubt]:
     """Check that light reaches the farthest corner of the sensor, and chief rays everything that is traced."""
-    tracer, corner = Tracer(camera), camera.sensor.farthest_corner_mm
+    tracer = Tracer(camera)
+    corner = camera.sensor.farthest_corner_mm
     far = math.hypot(*corner)
     is_wide = pupil_fan(camera.prescription).is_wide
     expected = corner * (_CIRCULAR if is_wide else 1)
@@ -157,7 +161,8 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
         message = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
         message = message if lit[0] > 0 else "no light comes to the middle of the sensor"
         hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
-        part, (windows, lens) = "image", parted(camera.prescription)
+        part = "image"
+        windows, lens = parted(camera.prescription)
         if windows and _is_lit(Tracer(replace(camera, prescription=lens, spectrum=())), corner):
             part, hint = "windows", "its windows block it: make them wider, bring them nearer, or turn them less"
         yield Doubt("image-circle", part, message, hint)
@@ -165,7 +170,8 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
     """Whether any ray from a point of the film leaves the lens."""
-    table, opened, grid = tracer.table, tracer.table.copy(), front_grid(tracer.table, GRID)
+    table, opened = tracer.table, tracer.table.copy()
+    grid = front_grid(table, GRID)
     opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
     for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: refine about the ray nearest to its centre

@@ -66,7 +66,7 @@ class Projection:
     principal_point_px: tuple[float, float]
     # k1, k2, p1, p2, k3 as OpenCV orders and defines them; of a tilted sensor all 14, the last two tauX and tauY
     distortion: tuple[float, ...]
-    # Lengths of the differences to what it was fitted to
+    # Lengths of the residuals
     rms_px: float
     max_px: float
 
@@ -206,7 +206,8 @@ def _paraxial(camera: Camera) -> np.ndarray:
 
 def paraxial_pinhole(camera: Camera) -> np.ndarray:
     """The pinhole in the paraxial entrance pupil: principal distance, principal point x and y [px], vision z [mm]."""
-    lens, sensor = first_order(camera.prescription), camera.sensor
+    lens = first_order(camera.prescription)
+    sensor = camera.sensor
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     x, y = (
         offset_mm / sensor.pitch_mm + (size - 1) / 2
@@ -225,7 +226,7 @@ def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> tuple[Sighting
     planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     mean = integrals(tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), _LEVEL).moments[:, :4]
     lit = np.isfinite(mean).all(axis=1)
-    # By the trapezoidal rule: positions on an edge of the image stand for half as much of it.
+    # By the trapezoidal rule: positions on an edge of the image have half the weight.
     area = np.where((x_px == x_px.min(axis=0)) | (x_px == x_px.max(axis=0)), 0.5, 1.0).prod(axis=1)
     crossings = np.concatenate([mean[lit, :2], mean[lit, 2:]])
     points = np.column_stack([crossings, np.repeat(planes_mm, lit.sum())])

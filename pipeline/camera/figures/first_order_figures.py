@@ -28,7 +28,9 @@ from pipeline.records.shapes import Float64
 
 def report(camera: Camera) -> Json:
     """Figures of a focused camera, from `depth_of_field.focused`, in the order of camera.json."""
-    lens, sensor, focus_of_types = first_order(camera.prescription), camera.sensor, foci(camera)
+    lens = first_order(camera.prescription)
+    sensor = camera.sensor
+    focus_of_types = foci(camera)
     to_sensor = lens.exit_pupil.z_mm + camera.sensor_distance_mm
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     acceptance: Json = {"shape": sensor.acceptance}  # with the numbers that this shape has
@@ -38,7 +40,7 @@ def report(camera: Camera) -> Json:
         angles = {"half_angle_deg": sensor.acceptance_half_angle_deg, "roll_off_deg": sensor.acceptance_roll_off_deg}
         acceptance |= angles
     depths = [focus.depth_of_field_mm for focus in focus_of_types]
-    front_mm = -camera.prescription.vertices_from_stop_mm[0]  # a narrow stop sees sharply what stands in the lens, too
+    front_mm = -camera.prescription.vertices_from_stop_mm[0]  # with a narrow stop even points in the lens are sharp
     figures: Json = {
         "resolution": [sensor.width_px, sensor.height_px],
         "pixel_pitch_mm": sensor.pitch_mm,
@@ -88,7 +90,8 @@ def _pupil(pupil: Pupil) -> Json:
 
 def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
     """Gaps in the union of ranges, near to far."""
-    gaps, reached = list[list[float]](), -math.inf
+    gaps = list[list[float]]()
+    reached = -math.inf
     for near, far in sorted(ranges):
         if -math.inf < reached < near:
             gaps.append([reached, near])
@@ -221,7 +224,8 @@ class Viewfinder:
 
 def viewfinder(camera: Camera) -> Viewfinder:
     """The viewfinder of a camera whose focus is solved; CameraError: its pupil is at infinity."""
-    lens, sensor = first_order(camera.prescription), camera.sensor
+    lens = first_order(camera.prescription)
+    sensor = camera.sensor
     if lens.entrance_pupil.is_infinite:
         raise CameraError("a telecentric lens has its entrance pupil at infinity, and so no pinhole of a field of view")
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)

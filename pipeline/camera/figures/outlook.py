@@ -62,7 +62,8 @@ class Outlook:
 @np.errstate(all="ignore")  # NaN counts as invisible
 def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Float64[np.ndarray, "k m 3"]) -> Outlook:
     """Determine the fate of points with surface normals `front`, both (poses, n, 3), vision frame."""
-    lens, shape, points = first_order(camera.prescription), points_mm.shape[:2], points_mm.reshape(-1, 3)
+    lens = first_order(camera.prescription)
+    shape, points = points_mm.shape[:2], points_mm.reshape(-1, 3)
     tracer = Tracer(camera)
     table = towards_sensor(camera.prescription)
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
@@ -95,7 +96,8 @@ def pupil_points_mm(camera: Camera) -> np.ndarray:
 
 def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
     """Paraxial width and height of the image's field on the plane at vision z."""
-    lens, sensor = first_order(camera.prescription), camera.sensor
+    lens = first_order(camera.prescription)
+    sensor = camera.sensor
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
     scale = sensor.pitch_mm * abs((z_mm - lens.entrance_pupil.z_mm) / principal_mm)
     return sensor.width_px * scale, sensor.height_px * scale
@@ -103,7 +105,8 @@ def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
 
 def microlenses_lit(camera: Camera, array: MicrolensArray, z_mm: float) -> float:
     """Paraxial number of microlenses that may see a point at vision z; 0 where its light has no width."""
-    lens, sensor, sensor_mm = first_order(camera.prescription), camera.sensor, camera.sensor_distance_mm
+    lens = first_order(camera.prescription)
+    sensor, sensor_mm = camera.sensor, camera.sensor_distance_mm
     try:
         image_mm = lens.image_mm(z_mm)
     except ZeroDivisionError:  # a point in the front focus
@@ -191,7 +194,8 @@ def behind_microlenses_px(
 
     Both are those of the sharpest type; see `focusing.depth_of_field`.
     """
-    lens, pitch_mm = first_order(camera.prescription), camera.sensor.pitch_mm
+    lens = first_order(camera.prescription)
+    pitch_mm = camera.sensor.pitch_mm
     behind_mm, ahead_mm = np.array(array.principal_mm).T[:, :, None]
     from_focus = z_mm - lens.front_focus_mm
     # a (z - F) for an image at distance a behind the array: finite even where that image lies at infinity.

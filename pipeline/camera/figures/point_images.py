@@ -127,7 +127,8 @@ def _default_views(rig: Rig) -> list[tuple[str, View]]:
             (f"microlens type {kind}", View(np.array([x, y]), row, math.nan))
             for kind, (x, y, row) in enumerate(rig.middles)
         ]
-    tracer, corner = rig.tracer, rig.tracer.camera.sensor.farthest_corner_mm
+    tracer = rig.tracer
+    corner = rig.tracer.camera.sensor.farthest_corner_mm
     ends = tracer.on_film(np.stack([np.zeros(2), corner]))
     reach = lit_share(tracer.table, tracer.stop_row, *ends)
     edge, share = ("corner", 1.0) if reach == 1 else ("rim of the image circle", _RIM * reach)

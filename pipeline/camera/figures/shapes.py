@@ -91,7 +91,8 @@ def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
 
     A dark corner is replaced by a position near the rim of the image circle.
     """
-    tracer, sensor = Tracer(camera), camera.sensor
+    tracer = Tracer(camera)
+    sensor = camera.sensor
     half_x, half_y = (size / 2 for size in sensor.size_mm)
     ends = (("centre", 0.0), ("top left", 0.96), ("bottom right", -0.96))
     # The image is upside down on the sensor: its top left lies at +x, +y of the vision frame.

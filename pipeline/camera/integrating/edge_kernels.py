@@ -130,7 +130,8 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
     count = _lay(rays, rule, owner, points, measure)
     owner, points, measure = owner[:count], points[:count], measure[:count]
     packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
-    alive, weight, crossing = packet.alive, packet.weight, np.empty((4, PACKET))
+    alive, weight = packet.alive, packet.weight
+    crossing = np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
     started = False
     first = 0

@@ -54,7 +54,8 @@ def label_packet(camera, microlens, owner, points, start, size, packet, labels):
     their size; its sign is wrong if something else blocks.
     """
     microlenses, elements, label, clearance = camera.microlenses, camera.elements, labels.label, labels.clearance
-    alive, rows = packet.alive, camera.table.shape[0]
+    alive = packet.alive
+    rows = camera.table.shape[0]
     is_behind, is_plain = microlens[owner[0]] >= 0, elements.model == PLAIN
     for i in range(size):
         label[i], clearance[i] = PASSES, 1.0
@@ -212,13 +213,16 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     where a ray passes there.
     """
     owner, _, limit, towards = spokes
-    packet, start_x, start_y = new_packet(), np.empty(PACKET), np.empty(PACKET)
-    x, y, start = packet.x, packet.y, SensorPoints(start_x, start_y)
+    packet = new_packet()
+    x, y = packet.x, packet.y
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    start = SensorPoints(start_x, start_y)
     spoke, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
     blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
     labels = Labels(blocker, clearance)
     along, blockers = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
-    size, following, rays, narrow = 0, 0, 0, 0.5 ** (steps + 1)
+    size, following, rays = 0, 0, 0
+    narrow = 0.5 ** (steps + 1)
     while True:
         # Fill the packet with new directions.
         while size < PACKET and following < owner.shape[0]:

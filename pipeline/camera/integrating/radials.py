@@ -187,7 +187,8 @@ class _Chords:
 
     def area(self) -> np.ndarray:
         """Area that the chords enclose, (n,)."""
-        b, n = self.following, len(self.first) - 1
+        b = self.following
+        n = len(self.first) - 1
         owner = np.repeat(np.arange(n), np.diff(self.first))
         return np.bincount(owner, 0.5 * (self.x * self.y[b] - self.x[b] * self.y), n)
 

@@ -128,7 +128,7 @@ class MicrolensArray:
 
     - `layout`: `hexagonal`, rows along +x; `hexagonal-columns`, columns along +y; `square`.
     - `pitch_mm`: distance of neighbouring vertices, along the rows (of hexagonal-columns: along the columns).
-    - `cross_pitch_mm`: pitch across that direction; None: the same.
+    - `cross_pitch_mm`: pitch across that direction; None: equal to `pitch_mm`.
     - `focal_lengths_mm`: one per type. Of refractive microlenses it follows from their faces, and may be left out.
     - `type_table`, `type_period`: microlens (k, l) has the type table[(l mod period_l) period_k + k mod period_k].
       Without a table one type is everywhere, and three on a hexagonal lattice follow (k - l) mod 3.

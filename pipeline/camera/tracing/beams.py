@@ -56,9 +56,11 @@ def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
 def _trace(camera, blocks, beams):
     region, packet = new_region(), new_packet()
     start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    start, aperture, outlines = SensorPoints(start_x, start_y), camera.aperture, camera.outlines
+    start = SensorPoints(start_x, start_y)
+    aperture, outlines = camera.aperture, camera.outlines
     x, y, z, dx, dy, dz, alive, _, _ = packet
-    polygon, size = region.polygon, _AT_ONCE * NODES * RAYS
+    polygon = region.polygon
+    size = _AT_ONCE * NODES * RAYS
     for b in range(blocks.microlens.shape[0]):
         microlens = blocks.microlens[b]
         beams.is_complete[b] = True

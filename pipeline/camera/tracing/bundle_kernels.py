@@ -42,7 +42,8 @@ def bound_bundle(camera, samples, starts, n, region, row):
     The free weight is the mean over the square from which rays start; over a few pixels it is nearly quadratic.
     """
     _, anchors, positions, microlens = starts
-    square, sx, sy, ax, ay = samples.edge_mm, positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
+    square = samples.edge_mm
+    sx, sy, ax, ay = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
     for k in range(row.shape[0]):
         row[k] = math.nan
     row[WEIGHT] = 0.0
@@ -85,7 +86,9 @@ def bundle_moments(camera, planes, samples, starts, moments):
     `planes`: (n or 1, 2, 4, 3), two of each position, or of all, as rows origin, first axis, second axis, normal.
     `moments`: (n, COLUMNS), written, see `camera.tracing.moments`; NaN where the bundle is empty.
     """
-    region, packet, crossing = new_region(), new_packet(), np.empty((4, PACKET))
+    region = new_region()
+    packet = new_packet()
+    crossing = np.empty((4, PACKET))
     x, y, alive, weight, scratch = packet.x, packet.y, packet.alive, packet.weight, packet.scratch
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)

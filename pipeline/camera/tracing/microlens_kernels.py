@@ -37,7 +37,9 @@ def through_microlens(camera, microlens, start, size, packet):
     """Trace rays from sensor positions towards aim points, in x and y, through one microlens: vision frame."""
     elements = camera.elements
     row = camera.microlenses[microlens]
-    kind, turn, vx, vy, vz = int(row[KIND]), elements.turn, row[X], row[Y], row[Z]
+    kind = int(row[KIND])
+    turn = elements.turn
+    vx, vy, vz = row[X], row[Y], row[Z]
     towards_microlens(camera, microlens, start, size, packet)
     trace_packet(elements.faces[kind], packet, size)
     if elements.model == THIN:
@@ -60,7 +62,8 @@ def towards_microlens(camera, microlens, start, size, packet):
     """Rays from sensor positions towards aim points, in x and y, with their weights: frame of the microlens."""
     row = camera.microlenses[microlens]
     turn = camera.elements.turn
-    vx, vy, h, below = row[X], row[Y], row[AIM], camera.optics.sensor_z_mm - row[Z]
+    vx, vy = row[X], row[Y]
+    h, below = row[AIM], camera.optics.sensor_z_mm - row[Z]
     for i in range(size):
         start_x, start_y = start.x[i], start.y[i]
         sx, sy = (packet.x[i] - start_x) / h, (packet.y[i] - start_y) / h
@@ -147,7 +150,8 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
 @opaque
 def free_weight(camera, microlens, sx, sy, polygon) -> float:
     """Weight of all rays from a sensor position through the aperture of a microlens, main lens ignored [sr or mm^2]."""
-    aperture, acceptance, elements, rims = camera.aperture, camera.acceptance, camera.elements, camera.elements.rims
+    aperture, acceptance = camera.aperture, camera.acceptance
+    elements, rims = camera.elements, camera.elements.rims
     row = camera.microlenses[microlens]
     x, y, distance = sx - row[X], sy - row[Y], row[AIM]
     if elements.model == PLAIN:

@@ -138,11 +138,15 @@ class _LinearMaps:
 
     def __init__(self, arrays: CameraArrays, array: MicrolensArray, lattice: Lattice, stop_row: int) -> None:
         self.arrays, self.array, self.lattice, self.stop_row = arrays, array, lattice, stop_row
-        self.rows, self.optics, self.vertices = arrays.microlenses, arrays.optics, arrays.microlenses[:, :2]
+        self.rows = arrays.microlenses
+        self.optics = arrays.optics
+        self.vertices = arrays.microlenses[:, :2]
 
     def set(self) -> None:
         """Write the maps and their aim planes."""
-        rows, array, drift = self.rows, self.array, self.optics.drift
+        rows = self.rows
+        array = self.array
+        drift = self.optics.drift
         slab = [faces.thickness_mm / faces.index * faces.aperture_is_in_front for faces in array.faces]
         rows[:, column.AIM] = array.distance_mm + self.lattice.z_mm
         rows[:, column.AIM] += np.array(slab)[self.lattice.type] if slab else 0.0
@@ -159,7 +163,9 @@ class _LinearMaps:
 
     def _crossings(self, at_sensor: float) -> tuple[np.ndarray, np.ndarray]:
         """Paraxial crossings with the rear vertex and the film plane per unit of the sensor (1) or aim point (0)."""
-        array, rows, above = self.array, self.rows, self.lattice.z_mm
+        array = self.array
+        rows = self.rows
+        above = self.lattice.z_mm
         planes = np.array(array.principal_mm)[self.lattice.type] - array.distance_mm
         slope = (-1.0 if at_sensor else 1.0) / rows[:, column.AIM]
         at_principal = at_sensor + slope * (array.distance_mm + above + planes[:, 0])

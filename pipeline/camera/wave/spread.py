@@ -158,12 +158,14 @@ def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...])
     """Spread of a camera's apertures at one wavelength; `middles`: one for each type of microlens."""
     if middles and tracer.lattice is not None:
         views = [View(np.array([x, y]), row, np.inf) for x, y, row in middles]
-        node_mm, of_microlens = np.ones(2), tracer.lattice.type.astype(np.int64)
+        node_mm = np.ones(2)
+        of_microlens = tracer.lattice.type.astype(np.int64)
     else:
         sensor = tracer.camera.sensor
         nodes = np.arange(NODES) - (NODES - 1) / 2
         extent = np.abs([sensor.offset_x_mm, sensor.offset_y_mm]) + np.array(sensor.size_mm) / 2
-        node_mm, of_microlens = 2 * extent / (NODES - 1), np.zeros(0, np.int64)
+        node_mm = 2 * extent / (NODES - 1)
+        of_microlens = np.zeros(0, np.int64)
         views = [View(np.array([x, y]) * node_mm, NO_MICROLENS, np.inf) for y in nodes for x in nodes]
     pictures, edges = zip(*(_picture(tracer, wavelength_nm, view) for view in views), strict=True)
     rows = np.cumsum(np.stack(pictures).sum(axis=2), axis=1)

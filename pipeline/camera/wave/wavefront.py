@@ -132,7 +132,8 @@ def _through(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
     """Trace rays through a microlens of any other model."""
     elements = tracer.arrays.elements
     row = tracer.arrays.microlenses[microlens]
-    kind, turn, vertex = int(row[column.KIND]), elements.turn, row[[column.X, column.Y, column.Z]]
+    kind = int(row[column.KIND])
+    turn, vertex = elements.turn, row[[column.X, column.Y, column.Z]]
     local = rays._replace(position_mm=(rays.position_mm - vertex) @ turn.T, direction=rays.direction @ turn.T)
     local = with_path(elements.faces[kind], local)
     if elements.model == THIN:

@@ -1,7 +1,7 @@
 """Absorption of glass over the wavelength: as stated for a thickness, or from the table that ships with the package.
 
-Between two entries the coefficient of absorption is linear, and so is the logarithm of the internal transmittance. A
-glass stated for 10 mm and for 25 mm is then the same glass at every wavelength.
+Between two entries the coefficient of absorption is linear, and so is the logarithm of the internal transmittance: a
+glass stated for 10 mm and for 25 mm absorbs equally at every wavelength.
 """
 
 import math

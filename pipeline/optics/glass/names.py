@@ -32,7 +32,7 @@ class Named:
 
     medium: Medium
     glass: str = ""  # as `plen:glass` of a stage has it; empty where index and Abbe number say all
-    remark: str = ""  # says which glass stands for the name, and how it differs; empty for the glass itself
+    remark: str = ""  # the substitute for the name, and how it differs; empty for the glass itself
     maker: str = _NOBODY
 
     def printed(self, wavelength_nm: float | None) -> tuple[float, float | None, str]:

@@ -61,7 +61,7 @@ class Checkerboard(Pattern):
 class Deltille(Pattern):
     """A deltille grid, six triangles around every inner corner (Ha, Perdoch, Alismail, Kweon and Sheikh, 2017).
 
-    Black triangles point up and white ones down, in rows shifted in turn by half an edge.
+    Black triangles point up and white ones down, in rows shifted alternately by half an edge.
     """
 
     KIND: ClassVar[str] = "deltille"

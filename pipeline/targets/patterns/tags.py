@@ -235,7 +235,8 @@ class AprilGrid(Pattern):
     @drawn_once
     def drawing(self) -> Drawing:
         """Tags, and squares at the corners of the gaps."""
-        x, y, gap = self._corners(self.columns), self._corners(self.rows), self._gap_mm
+        x, y = self._corners(self.columns), self._corners(self.rows)
+        gap = self._gap_mm
         squares = [
             Polygon(corners=rectangle(left, bottom, left + gap, bottom + gap))
             for bottom in (y[0] - gap, *y[1::2])

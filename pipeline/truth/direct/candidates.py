@@ -75,7 +75,8 @@ class Candidates:
 def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     """All candidates of points; a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
-    point, microlens, guess, reach, rays = [], [], [], [], 0
+    point, microlens, guess, reach = [], [], [], []
+    rays = 0
     vertices = None if images is None else Nearby(tracer.vertices_mm)
     # Blades and obstructions may leave slivers between the rays of a fan: apertures are replaced by their circles.
     table = enclosing(towards_sensor(tracer.camera.prescription))
@@ -106,7 +107,8 @@ def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
 
 def _fans(tracer: Tracer) -> list[np.ndarray]:
     """Aim points of rays, (n, 3) each: on the paraxial entrance pupil, then on the front surface."""
-    table, pupil = towards_sensor(tracer.camera.prescription), first_order(tracer.camera.prescription).entrance_pupil
+    table = towards_sensor(tracer.camera.prescription)
+    pupil = first_order(tracer.camera.prescription).entrance_pupil
     fans = []
     for z, reach, count in (
         (-pupil.z_mm, _PUPIL_SLACK * pupil.diameter_mm / 2, _FAN),

@@ -1,9 +1,12 @@
 """Method `direct`: J(x) = p is solved for every target point and microlens, with J integrated at x itself.
 
-There is no position image, no interpolation and no K. J is a function of a continuous x, and Newton's method solves the
-residual J(x) - p = 0: x <- x - B (J(x) - p), with B the inverse Jacobian. B starts from chief rays, is refined by
-finite differences, and follows each step s by Broyden's update ("good" Broyden, Math. Comp. 19, 1965, 577), B <- B + (s
-- B y) s^T B / (s^T B y) with y the change of the residual. It converges in a few steps.
+There is no position image, no interpolation and no K. J is a function of a continuous x, and Newton's method solves for
+a vanishing residual, with B the inverse Jacobian, s the last step and y the change of the residual in it:
+
+    x <- x - B (J(x) - p),  B <- B + (s - B y) s^T B / (s^T B y)
+
+B starts from chief rays and is refined by finite differences; each step changes it by Broyden's update ("good" Broyden,
+Math. Comp. 19, 1965, 577). A few steps suffice.
 """
 
 from collections.abc import Callable
@@ -159,7 +162,7 @@ class Search:
 
     def refine(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Use finer integrals, level by level, until their error and the next step are below the accuracy."""
-        asked = rows
+        requested = rows
         for level in range(1, LEVELS):
             # Converge at this level, and drop the rows that have reached the accuracy.
             self._converge_at_level(rows, level, accuracy_px)
@@ -172,18 +175,19 @@ class Search:
             self.residual[lost] = self._j(lost, self.x_px[lost], level)
             self._derive(lost, level)
         # Renew the Jacobian of random rows with more rays.
-        random = asked[self.is_random[asked] & np.isfinite(self.x_px[asked, 0])]
+        random = requested[self.is_random[requested] & np.isfinite(self.x_px[requested, 0])]
         self._derive(random, _SHARP_LEVEL)
 
     def sharpen(self, rows: Int64[np.ndarray, "k"], accuracy_px: float) -> None:
         """Renew Jacobians at the solutions for rows whose blur's radius may err by more than the accuracy.
 
-        It errs where J bends between the ends of its difference, or since; random rows already have theirs.
+        J may bend between the ends of its difference, or have bent since; random rows already have accurate Jacobians.
         """
+        # Select rows by the bend of J.
         radius_px = blur.radius_px(blur.in_image(blur.spread(self.moments[rows]), self.jacobian[rows]))
         rows = rows[~self.is_random[rows] & ~(radius_px * self.bend[rows] <= accuracy_px)]
         x_px, microlens = self.x_px[rows], self.microlens[rows]
-
+        # Differentiate J with the pupils of their bundles frozen.
         bundles = Bundles(x_px, microlens, self.planes(rows, x_px).first.both, self.square_px)
         pupils = FrozenPupils(self.tracer, bundles, BLUR_LEVEL, STEADY)
 

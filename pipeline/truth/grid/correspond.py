@@ -161,7 +161,8 @@ def with_light(
 
 
 def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
-    k, (height, width) = grid.supersampling, grid.cell.shape
+    k = grid.supersampling
+    height, width = grid.cell.shape
     column, row = (
         np.rint(fine_from_image(np.nan_to_num(x), k)) - first * k
         for x, first in zip((solutions.x_px, solutions.y_px), grid.first_px, strict=True)

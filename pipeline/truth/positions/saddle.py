@@ -107,7 +107,8 @@ class CornerImage:
     """
 
     def __init__(self, around: BundleMap, ratio: float, step: int = 1, along: int = 4) -> None:
-        self.around, self.ratio, self.along = around, ratio, unit_nodes(along)
+        self.around, self.ratio = around, ratio
+        self.along = unit_nodes(along)
         self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
         self.angle = around.angle.reshape(-1, step).sum(axis=1)
         self.nodes = np.empty(self.fields.shape[1:])
