@@ -14,7 +14,8 @@ and other libraries.
 """
 
 
-@pytest.mark.parametrize(("rows", "least"), [([], 250), pytest.param(SLOW, 80, marks=pytest.mark.heavy)])
+@pytest.mark.heavy
+@pytest.mark.parametrize(("rows", "least"), [([], 250), (SLOW, 80)])
 def test_faults_leave_no_wrong_result_and_no_damaged_store(rows, least):
     """In a process of its own, because it forks."""
     command = [sys.executable, str(Path(__file__).with_name("run.py")), "--short", *rows]

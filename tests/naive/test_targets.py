@@ -138,14 +138,10 @@ FAMILIES = [
     ("checkerboard_stairs", "10, 15, 0"),
     ("pyramid_mesh", "5, 10, 20"),
 ]
-QUICK = {"charuco_cylinder"}
-"""Targets that `make test` tries, and a cube by all methods; `make proofs` tries all."""
 
 
-@pytest.mark.parametrize(
-    ("file", "turn"),
-    [pytest.param(*case, id=case[0], marks=() if case[0] in QUICK else pytest.mark.heavy) for case in FAMILIES],
-)
+@pytest.mark.heavy
+@pytest.mark.parametrize(("file", "turn"), FAMILIES, ids=[file for file, _ in FAMILIES])
 def test_rows_are_where_a_brute_force_bundle_meets_the_tangent_plane(build, file: str, turn: str) -> None:
     built = build(file, turn)
     found, error = deviations_px(built, min(ROWS, len(built.column("x_px"))))
