@@ -24,7 +24,7 @@ from pipeline.scene.usd.overrides import entries, layer_of, moved_by, overridden
 from pipeline.scene.usd.problems import StageError, of_reader
 from pipeline.scene.usd.readers import notes_of
 from pipeline.scene.usd.roots import allowed_roots
-from pipeline.scene.usd.values import UnreadableValue, rule_of
+from pipeline.scene.usd.values import UnreadableValue, rule_of, target_paths
 from pipeline.scene.varied import varied_numbers
 from pipeline.scene.write.poses import posed
 from pipeline.scene.write.text import lay_over, text_of
@@ -96,10 +96,9 @@ class FreeStage:
         attributes = {str(each.GetPath()): each for prim in self._stage.Traverse() for each in prim.GetAttributes()}
         if path in attributes:
             return [(attributes[path], entry)]
-        of = f"{path}.plen:tolerance:of"
-        relations = (each for prim in self._stage.Traverse() for each in prim.GetRelationships())
-        below = next((each.GetTargets() for each in relations if str(each.GetPath()) == of), None)
-        below = below or [each for each in tolerances if str(each).startswith(f"{path}/")]
+        stating = [prim for prim in self._stage.Traverse() if f"{prim.GetPath()}/".startswith(f"{path}/")]
+        named = [each for prim in stating for each in target_paths(prim.GetRelationship("plen:tolerance:of"))]
+        below = named or [each for each in tolerances if str(each).startswith(f"{path}/")]
         if not below:
             authored = [key for key, each in attributes.items() if each.HasAuthoredValue()]
             hint = did_you_mean(path, authored) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'

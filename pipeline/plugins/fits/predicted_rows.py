@@ -62,7 +62,6 @@ class Predicted:
 
     x_px: np.ndarray
     exact_px: np.ndarray
-    hit_fraction: np.ndarray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,10 +82,14 @@ def _rig(camera: Camera, seed: int, square_px: float) -> Rig:
 
 @dataclass(frozen=True)
 class Predictor:
-    """Predictions for observations, each behind a named microlens if its camera has any."""
+    """Predictions for observations, each behind a named microlens if its camera has any.
+
+    `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
+    """
 
     observations: Observations
     views: Views
+    offset_px: np.ndarray | float = 0.0
     accuracy_px: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -100,15 +103,26 @@ class Predictor:
     def predict(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> Predicted:
         """Positions with boards at `poses` (v, 4, 4) world_from_target [mm]; searches begin at `start_px` (n, 2)."""
         exact = np.full((len(self.observations), 2), np.nan)
-        wanted, hit = exact.copy(), np.full(len(exact), np.nan)
         for entry, rows in self._cameras(dataset):
-            rig, planes = self.rig(dataset, entry), self._planes(dataset, entry, rows, poses)
-            guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
-            solved = solve(rig, guess, planes, self.accuracy_px, 0.0)
-            there = rows[solved.solutions.point]
-            exact[there], hit[there] = solved.solutions.xy_px, solved.hit_fraction
-            wanted[there] = self._wanted(rig, dataset, entry, rows, poses, solved.solutions)
-        return Predicted(x_px=wanted, exact_px=exact, hit_fraction=hit)
+            solutions = self._solved(dataset, entry, rows, poses, start_px)
+            exact[rows[solutions.point]] = solutions.xy_px
+        return Predicted(x_px=exact + self.offset_px, exact_px=exact)
+
+    def offsets(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
+        """From positions of J to those that the detector looks for, (n, 2) [px]; NaN where a point has none."""
+        offset_px = np.full((len(self.observations), 2), np.nan)
+        for entry, rows in self._cameras(dataset):
+            solutions = self._solved(dataset, entry, rows, poses, start_px)
+            wanted = self._wanted(self.rig(dataset, entry), dataset, entry, rows, poses, solutions)
+            offset_px[rows[solutions.point]] = wanted - solutions.xy_px
+        return offset_px
+
+    def _solved(
+        self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, start_px: np.ndarray
+    ) -> Solutions:
+        rig, planes = self.rig(dataset, entry), self._planes(dataset, entry, rows, poses)
+        guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
+        return solve(rig, guess, planes, self.accuracy_px, 0.0).solutions
 
     def slopes(
         self,
@@ -175,8 +189,6 @@ class Predictor:
     ) -> np.ndarray:
         """The positions that the detector looks for, of solved rows: J's, or others of the same points, NaN of none."""
         x_px = solved.xy_px
-        if self.observations.position == "exact":
-            return x_px
         targets, frames = {each.name: each for each in dataset.targets}, {each.number: each for each in dataset.frames}
         view = self.views.of_rows[rows[solved.point]]
         ids = self.observations.point_id[rows[solved.point]]

@@ -97,9 +97,11 @@ class _Reduced:
     full: np.ndarray  # (2 n, m), before
 
 
-def solve(problem: Problem, asked: Asked, poses: np.ndarray, tell: Callable[[str], None] = lambda _: None) -> Solution:
-    """Fit numbers and poses to rows, from numbers as they are stated and from first poses."""
-    by, damping, step = np.zeros(len(asked.deviation)), 0.0, 0
+def solve(
+    problem: Problem, asked: Asked, by: np.ndarray, poses: np.ndarray, tell: Callable[[str], None] = lambda _: None
+) -> Solution:
+    """Fit numbers and poses to rows, from numbers that are moved `by` and from first poses."""
+    damping, step = 0.0, 0
     residual, slopes, is_fresh = problem.residual(by, poses), None, False
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):

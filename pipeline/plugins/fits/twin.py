@@ -1,7 +1,7 @@
 """A stage fitted to what a real camera sees: `pipeline calibrate`."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -22,6 +22,9 @@ _ROWS, _COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
 _DOUBT = 5.0
 """Deviations above which a group of rows, a row, or the estimate of a mistake is doubted [1]: of a million without
 fault one is that far off."""
+_TURNS, _SAME = 6, 0.01
+"""Most turns in which other positions than those of J are found where the camera is then, and the change of these over
+sigma that ends them [1]."""
 _MORE_THAN_NOISE = 1.1
 """Chi squared over what is expected that is not doubted however many rows there are [1]: 5 % in sigma."""
 _HALF_TOLD_PX = 0.1
@@ -242,7 +245,19 @@ def calibrate(
     if count < unknowns:
         hint = "free less, or give more images"
         raise UsageError(f"{count} coordinates do not tell {unknowns} unknowns", hint=hint)
-    solution = solve(_Rows(stage, predictor), asked, poses, tell)
+    by = np.zeros(len(numbers))
+    for turn in range(_TURNS):
+        if found.position != "exact":
+            tell(f"looking for positions: {found.position}")
+            there_px = predictor.offsets(stage.at(by), poses, found.x_px)
+            change_px = np.abs(np.nan_to_num(there_px - predictor.offset_px)).max(axis=1)
+            if turn and (change_px < _SAME * found.sigma_px).all():
+                break
+            predictor = replace(predictor, offset_px=there_px)
+        solution = solve(_Rows(stage, predictor), asked, by, poses, tell)
+        by, poses = solution.by, solution.poses
+        if found.position == "exact":
+            break
     return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
 
 

@@ -39,8 +39,8 @@ def page(twin: Twin) -> Iterator[str]:
             for number, part in zip(twin.stage.numbers, direction, strict=True)
             if abs(part) > _LEAST_PART
         ]
-        held = "" if not len(solution.unmoved) else ", and not moved unless a tolerance holds it"
-        yield f"open: the rows do not tell {', '.join(parts)}, together{held}"
+        held = "not moved" if len(solution.unmoved) else "held by tolerances"
+        yield f"open: the rows do not tell {', '.join(parts)}, together; {held}"
     yield ""
     yield "chi squared over what noise leaves"
     for kind, groups in twin.groups.items():

@@ -67,6 +67,22 @@ def open_radius(layer: Path, folder: Path) -> float:
     return float(open_dataset(layer, [folder]).cameras[0].camera.prescription.surfaces[2].radius_mm)
 
 
+def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path, narrow, exact):
+    """Chief rays, here 0.08 px off: of the planted camera they have no residual, as those of J they would."""
+    stage, off = FreeStage(narrow.path, [RADIUS, "Rig/Sensor.plen:offset"]), np.array([0.02, 0.01, -0.02])
+    stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)
+    found = placed(exact, narrow.nominal)
+    predictor, dataset = Predictor(replace(found, position="chief"), Views.of(found)), stage.at(off)
+    frames = {frame.number: frame for frame in dataset.frames}
+    poses = np.array([frames[frame].world_from_target[name] for frame, name in predictor.views.keys])
+    chief = replace(exact, x_px=exact.x_px + predictor.offsets(dataset, poses, exact.x_px))
+    assert np.abs(chief.x_px - exact.x_px).max() > 0.05
+    file = table(chief, tmp_path / "seen.csv", ["pixel_origin: 0", "position: chief"])
+    twin = calibrate(stage, file, Stated())
+    assert twin.solution.converged and np.abs(twin.solution.residual_px).max() < 1e-6
+    np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
+
+
 def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, exact):
     """Means over bundles of ways and slopes, beside differences of solutions."""
     found = placed(exact, narrow.nominal)
