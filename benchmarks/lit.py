@@ -28,15 +28,15 @@ import numpy as np
 
 import pipeline
 from pipeline.camera.parts.spectrum import alone
-from pipeline.files.pictures import decoded
 from pipeline.frames import apply
 from pipeline.jit.decorators import kernel
 from pipeline.plugins.scenes.graph import LitThings
 from pipeline.plugins.scenes.lighting.draws import Names, draw, points
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
+from pipeline.plugins.scenes.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
+from pipeline.plugins.scenes.picture_files import decoded
 from pipeline.plugins.scenes.tasks.images import lit_view
 from pipeline.records.plain import from_plain, to_plain
-from pipeline.render.lighting.records import Finish, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.preview import preview_picture
 

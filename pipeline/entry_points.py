@@ -3,7 +3,8 @@
 Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
 timeout_s)` of `--engine NAME:WHERE`; `.products`: `report`, which listens to a build and then writes about its folder;
 `.readers`: `lens.SUFFIX` and `camera.SUFFIX`, functions of files; `.formats`: modules, see docs/export_format.md;
-`.scenes`: `tasks`, a module with the tasks of lamps, pictures and labels; `.kernels`: `app.compile_kernels.Part`s.
+`.scenes`: `reader`, a module that is a `scene.usd.plug_in.SceneReader`, and `tasks`, one with the tasks of lamps,
+pictures and labels; `.kernels`: `app.compile_kernels.Part`s.
 """
 
 import sys

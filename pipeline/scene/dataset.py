@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -16,12 +16,11 @@ from pipeline.formats import EXACT
 from pipeline.motion import Motion, Shutter
 from pipeline.optics.prescription import Prescription
 from pipeline.optics.windows import Windows
-from pipeline.render.lighting.records import Coat, Finish, Lamp
 from pipeline.render.sensor.colours import Colorimetry
 from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.render.spectral.prints import Print
 from pipeline.targets.mesh import Occluder
-from pipeline.targets.target import AnyTarget
+from pipeline.targets.target import AnyTarget, Coat
 from pipeline.truth.settings import TruthSettings
 
 Matrix = tuple[tuple[float, ...], ...]
@@ -175,21 +174,21 @@ class TargetEntry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OccluderEntry:
-    """An occluder of the dataset; with lamps, any shape, with what it is made of."""
+    """An occluder of the dataset; with lamps, any shape, with its `Finish` of the plug-in `scenes`."""
 
     prim_path: str
     occluder: Occluder
-    finish: Finish | None = None
+    finish: Any = None
     instance: str = ""  #: path of the outermost instance to which it belongs, if it does
     frame: int | None = None  #: the only frame in which it has this shape; None: it keeps its shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LampEntry:
-    """A lamp of the dataset."""
+    """A lamp of the dataset: a `Lamp` of the plug-in `scenes`."""
 
     prim_path: str
-    lamp: Lamp
+    lamp: Any
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,22 +16,19 @@ from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check, check_numbers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
 from pipeline.scene.edits import Written, written_on
-from pipeline.scene.lamps import check_shone
 from pipeline.scene.lens import read_lens_entry
-from pipeline.scene.pictures import read_pictures
 from pipeline.scene.plen_dataset import find_dataset, read_dataset
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.states import read_camera_entries
 from pipeline.scene.targets import read_target_entries
 from pipeline.scene.tolerances import check_effect
 from pipeline.scene.usd.opening import check_instances, open_stage, write_out_instances
-from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, StageError, of_reader, shortened, shown_path, without_followers
 from pipeline.scene.usd.readers import notes_of
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need
-from pipeline.scene.usd.writing_out import write_out
 from pipeline.scene.varied import varied_numbers, with_varied
 from pipeline.scene.views import check_doubts, check_seen, check_speeds
 from pipeline.scene.write.viewers import flattened, text_for_viewers
@@ -82,13 +79,13 @@ def load(
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         stage, problems = open_stage(path)
-        if wrong := list(check_numbers(stage, Others(stage))):
+        if wrong := list(check_numbers(stage, scene_reader().third_party_layers(stage))):
             return _refused(problems + wrong)
         wrong, others = check_instances(stage)
         if wrong:
             return _refused(problems + wrong)
         if root := find_dataset(stage):
-            problems += write_out(stage, frame_numbers(root))
+            problems += scene_reader().write_out(stage, frame_numbers(root))
         notes_of(stage).folders = roots = allowed_roots(Path(path), allow_roots)
         loaded = _read(stage, look, [*others.settled(problems), *check(stage, roots, others)])
         return loaded if later else replace(loaded, doubts=list)
@@ -137,7 +134,7 @@ def _read(stage: Usd.Stage, look: bool, problems: list[Problem]) -> Loaded:
     layer = flattened(stage)
     written = written_on(stage, layer) if dataset else {}  # before anything is added
     if dataset:
-        for attribute, picture in read_pictures(stage).items():  # in place of files of this machine
+        for attribute, picture in scene_reader().read_pictures(stage).items():  # in place of files of this machine
             if spec := layer.GetAttributeAtPath(attribute):
                 spec.default = Sdf.AssetPath(f"./{picture.file}")
                 spec.ClearInfo("timeSamples")
@@ -149,7 +146,8 @@ def _doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...], dataset: Dataset
     problems = list(check_doubts(stage, cameras))
     if dataset and not any(problem.is_error for problem in problems):
         problems += check_rays(stage, dataset)
-        problems += [*check_seen(stage, dataset), *check_shone(stage, dataset), *check_speeds(stage, dataset)]
+        problems += check_seen(stage, dataset)
+        problems += [*scene_reader().check_shone(stage, dataset), *check_speeds(stage, dataset)]
     messages.TakeUncoalescedDiagnostics()
     return problems
 

@@ -1,4 +1,4 @@
-"""Occluders: meshes and solids, in each frame with its shape, and outside the lens."""
+"""Occluders: which shapes these are, each in each frame with its shape, and outside the lens."""
 
 import itertools
 from collections.abc import Iterator, Sequence, Set
@@ -10,24 +10,47 @@ from pxr import Sdf, Usd
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.dataset import OccluderEntry
-from pipeline.scene.materials import read_finish, seen_shapes
-from pipeline.scene.usd.meshes import drawn, is_animated, of_prim
+from pipeline.scene.targets import is_preview
+from pipeline.scene.usd.meshes import alike, drawn, is_animated, is_drawn, of_prim
 from pipeline.scene.usd.opening import instance_of
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import (
     camera_from_world,
     camera_name,
     frame_numbers,
+    is_in_images,
     is_visible,
     moving_op,
     product,
     stage_mm_per_unit,
     world_from,
 )
-from pipeline.scene.usd.problems import Problem, not_drawn, over_limit, problem
+from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, over_limit, problem
 from pipeline.scene.usd.readers import read_once
-from pipeline.scene.usd.values import read, target, targets
+from pipeline.scene.usd.values import UnreadableValue, read, target, targets
 from pipeline.scene.windows import prescription_of
 from pipeline.targets.mesh import Occluder
+
+
+@read_once
+def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
+    """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
+    stage = root.GetStage()
+    wholes = targets(root, "plen:occluders", "Imageable")
+    below = (prim for whole in wholes for prim in Usd.PrimRange(whole) if prim == whole or is_in_images(prim))
+    named = dict.fromkeys(prim for prim in below if is_drawn(prim))
+    if not scene_reader().is_lit(stage):
+        return list(named)
+    meshed = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
+    taken = {mesh for prim in meshed for mesh in targets(prim, "plen:mesh", "Mesh")}
+    others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
+    return list(named) + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
+
+
+@read_once
+def seen_shapes(root: Usd.Prim) -> list[list[Usd.Prim]]:
+    """These shapes, those together that are alike."""
+    return alike(seen_meshes(root), lambda prim: of_prim(prim, 0.0 if is_animated(prim) else None))
 
 
 def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> list[OccluderEntry]:
@@ -39,7 +62,7 @@ def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> l
         OccluderEntry(
             prim_path=str(prim.GetPath()),
             occluder=read_occluder(prim, moment),
-            finish=read_finish(prim, moment) if lit else None,
+            finish=scene_reader().read_finish(prim, moment) if lit else None,
             instance=instance_of(prim),
             frame=moment,
         )
@@ -69,7 +92,11 @@ def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         hint = "targets hide each other and themselves without being named"
         yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
     for same in filter(None, right):
-        shapes = [drawn(same[0], moment) for moment in (frames if is_animated(same[0]) else [None])]
+        try:
+            shapes = [drawn(same[0], moment) for moment in (frames if is_animated(same[0]) else [None])]
+        except UnreadableValue as error:
+            yield of_reader(same[0], error)
+            continue
         count += len(same) * sum(len(shape.corners) for shape in shapes)
         for flaw in dict.fromkeys(flaw for shape in shapes for flaw in shape.flaws):
             yield from (not_drawn(prim, f"<{prim.GetPath()}>: {flaw}") for prim in same if prim not in meshes)

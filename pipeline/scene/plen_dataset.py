@@ -11,14 +11,12 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import AskedExports, CameraEntry, Dataset, Frame, Matrix, Motions
-from pipeline.scene.lamps import check_lamps, is_lit, lamp_prims, read_lamp_entry, world_from_lamp
-from pipeline.scene.materials import check_finishes, seen_meshes
-from pipeline.scene.occluders import check_occluders, read_occluder_entries
-from pipeline.scene.pictures import read_pictures
+from pipeline.scene.occluders import check_occluders, read_occluder_entries, seen_meshes
 from pipeline.scene.shutters import check_motions, motions_before
 from pipeline.scene.states import read_states
 from pipeline.scene.targets import is_preview, read_target_entry
 from pipeline.scene.usd.meshes import alike, is_drawn
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import (
     LAST_FRAME,
     camera_from_world,
@@ -70,8 +68,9 @@ def read_dataset(root: Usd.Prim) -> Dataset:
 def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
-    occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
-    seed, numbers, has_light = need(root, "plen:seed"), frame_numbers(root), is_lit(root.GetStage())
+    scenes, stage = scene_reader(), root.GetStage()
+    occluders, lamps = seen_meshes(root), scenes.lamp_prims(stage)
+    seed, numbers, has_light = need(root, "plen:seed"), frame_numbers(root), scenes.is_lit(stage)
     read = sources.reading
     names = {prim: f"cameras/{camera_name(prim, root)}" for prim in cameras}
     states = {prim: read(name, read_states, prim, root, seed, numbers) for prim, name in names.items()}
@@ -85,8 +84,8 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         occluders=tuple(
             entry for prim in occluders for entry in read("occluders", read_occluder_entries, prim, has_light, numbers)
         ),
-        lamps=tuple(read("lamps", read_lamp_entry, prim, numbers) for prim in lamps),
-        pictures=tuple({picture.name: picture for picture in read_pictures(root.GetStage()).values()}.values()),
+        lamps=tuple(read("lamps", scenes.read_lamp_entry, prim, numbers) for prim in lamps),
+        pictures=tuple({picture.name: picture for picture in scenes.read_pictures(stage).values()}.values()),
         exports=read("exports", _read_exports, root),
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
@@ -109,10 +108,11 @@ def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], source
     vision = {prim: posed(f"cameras/{camera_name(prim, root)}", camera_from_world, prim) for prim in states}
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
     hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
-    lamps = {prim: posed("lamps", world_from_lamp, prim) for prim in lamp_prims(root.GetStage())}
+    scenes = scene_reader()
+    lamps = {prim: posed("lamps", scenes.world_from_lamp, prim) for prim in scenes.lamp_prims(root.GetStage())}
     things: dict[Usd.Prim, Callable[..., Any]] = {
         **dict.fromkeys(seen_meshes(root), world_from),
-        **dict.fromkeys(lamps, world_from_lamp),
+        **dict.fromkeys(lamps, scenes.world_from_lamp),
     }
 
     def there(number: int) -> dict[Usd.Prim, CameraEntry]:
@@ -166,13 +166,12 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         root,
         [camera for camera in cameras if camera.GetPath() not in wrong],
         targets(root, "plen:targets", "PlenTarget"),
-        [*seen_meshes(root), *lamp_prims(root.GetStage())],
+        [*seen_meshes(root), *scene_reader().lamp_prims(root.GetStage())],
     )
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
     yield from check_occluders(root, wrong)
-    yield from check_lamps(root, wrong)
-    yield from check_finishes(root, wrong)
+    yield from scene_reader().check_dataset(root, wrong)
     yield from _check_unnamed(root)
     yield from _check_invisible(root)
 
@@ -244,7 +243,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     """One warning per type of prim that viewers show, without effect on images of a dataset."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-    named = {prim.GetPath() for prim in (*lamp_prims(stage), *seen_meshes(root))}
+    named = {prim.GetPath() for prim in (*scene_reader().lamp_prims(stage), *seen_meshes(root))}
     kinds: dict[str, list[Usd.Prim]] = {}
     unheard: dict[str, list[Usd.Attribute]] = {}
     for same in alike(prims):

@@ -9,7 +9,6 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
 from pipeline.frames import apply
-from pipeline.render.lighting.records import Coat
 from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
@@ -20,7 +19,7 @@ from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, target
 from pipeline.targets.mesh import MeshTarget
 from pipeline.targets.patterns.pattern import TargetError
-from pipeline.targets.target import PATTERNS, SURFACES, AnyTarget, Target
+from pipeline.targets.target import PATTERNS, SURFACES, AnyTarget, Coat, Target
 
 PREVIEW = "Preview"
 """Name of the preview mesh below a target."""

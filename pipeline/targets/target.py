@@ -103,3 +103,11 @@ def target_from_plain(plain: Json) -> AnyTarget:
     surface = dict(plain["surface"])
     kind = SURFACES[surface.pop("kind")]
     return Target(from_plain(PATTERNS[plain["kind"]], plain["pattern"]), from_plain(kind, surface))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Coat:
+    """A smooth transparent coat on a target: its roughness, as UsdPreviewSurface has it, and its refractive index."""
+
+    roughness: float
+    ior: float = 1.5

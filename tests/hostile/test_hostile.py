@@ -14,9 +14,9 @@ from pxr import Sdf, Sdr, Usd, UsdGeom
 
 from pipeline import formats
 from pipeline.folders import share
-from pipeline.scene.lamps import KINDS
 from pipeline.scene.load import load
 
+LAMPS = ("CylinderLight", "DiskLight", "DistantLight", "DomeLight", "DomeLight_1", "RectLight", "SphereLight")
 SHADERS = ("UsdPreviewSurface", "UsdUVTexture", "UsdTransform2d", "UsdPrimvarReader_float2")
 FEWEST = 3
 """Hostile values of a property: of flags both, and a text."""
@@ -39,7 +39,7 @@ def test_every_attribute_and_relationship_is_tried_with_hostile_values():
     layer = Sdf.Layer.FindOrOpen(str(share("schemas") / "plenScene/resources/plenScene/schema.usda"))
     wanted = {prop.name for prim in layer.rootPrims for prop in prim.properties}
     registry = Usd.SchemaRegistry()
-    for name in ("Camera", "Mesh", "Material", "Shader", *KINDS):
+    for name in ("Camera", "Mesh", "Material", "Shader", *LAMPS):
         definition = registry.FindConcretePrimDefinition(name)
         wanted |= {one for one in definition.GetPropertyNames() if type_of(definition, one) not in WITHOUT_VALUES}
     for name in SHADERS:

@@ -7,6 +7,7 @@ import numpy as np
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.frames import inverse
+from pipeline.plugins.scenes.lighting.records import Lighting, Material, PlacedLamp
 from pipeline.plugins.scenes.tasks.params import (
     BOXES,
     LABELS,
@@ -24,7 +25,6 @@ from pipeline.products.draft import Draft, exposure_of, lights_of, shutter_in
 from pipeline.products.things import Things, matrix, target_poses
 from pipeline.products.tiles import image_bands
 from pipeline.records.plain import Shared, to_plain
-from pipeline.render.lighting.records import Lighting, Material, PlacedLamp
 from pipeline.render.spectral.prints import Colours
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 

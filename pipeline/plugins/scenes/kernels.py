@@ -6,8 +6,8 @@ from pipeline.app.compile_kernels import Part
 from pipeline.camera.parts.spectrum import alone
 from pipeline.plugins.scenes.lighting.draws import Names
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
+from pipeline.plugins.scenes.lighting.records import Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.records.plain import to_plain
-from pipeline.render.lighting.records import Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp
 from pipeline.targets.mesh import Occluder
 
 

@@ -8,7 +8,7 @@ from pxr import Usd
 from pipeline.limits import MOST_SAMPLES
 from pipeline.scene.channels import images_of
 from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.scene.materials import seen_shapes
+from pipeline.scene.occluders import seen_shapes
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit, warning
 from pipeline.scene.usd.values import read, target, targets

@@ -9,10 +9,9 @@ from pxr import Gf, Usd, UsdGeom
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
-from pipeline.scene.lamps import lamp_prims
-from pipeline.scene.materials import seen_meshes
-from pipeline.scene.occluders import body_of, check_outside_lens, meets_lens
+from pipeline.scene.occluders import body_of, check_outside_lens, meets_lens, seen_meshes
 from pipeline.scene.targets import read_target
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import (
     ancestry,
     camera_from_world,
@@ -54,7 +53,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     boards = targets(root, "plen:targets", "PlenTarget")
     windows = list(dict.fromkeys(prim for camera in cameras for prim in targets(camera, WINDOWS, "PlenWindow")))
     rigid = [*cameras, *boards, *windows]
-    occluders, lamps = seen_meshes(root), lamp_prims(root.GetStage())
+    occluders, lamps = seen_meshes(root), scene_reader().lamp_prims(root.GetStage())
     moved = dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim))
     exact = {link for prim in rigid for link in ancestry(prim)}
     problems = [bad for link in moved if specs(link) for bad in _check_link(link, frames, is_exact=link in exact)]

@@ -17,10 +17,8 @@ from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.properties import FOR_NO_IMAGE, check_apis, check_properties, known_types
-from pipeline.scene.check.units import check_units
 from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
-from pipeline.scene.pictures import named_by, picture_of
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.states import check_held, is_camera
@@ -28,15 +26,14 @@ from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_cold
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.meshes import alike, likeness
-from pipeline.scene.usd.others import Others
 from pipeline.scene.usd.overrides import at_code, changing, check_changing
+from pipeline.scene.usd.plug_in import ThirdPartyLayers, scene_reader
 from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
     at_opinion,
     did_you_mean,
     metadata_problem,
-    of_reader,
     problem,
     saying,
     shown_path,
@@ -44,7 +41,7 @@ from pipeline.scene.usd.problems import (
 )
 from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
 from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import Range, UnreadableValue
+from pipeline.scene.usd.values import Range
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 
 _WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
@@ -90,7 +87,7 @@ _MOST_NAMES = 4
 """Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
-def check(stage: Usd.Stage, roots: list[Path], others: Others) -> list[Problem]:
+def check(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> list[Problem]:
     """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
     if outside := _check_used(stage, roots):
         return outside
@@ -135,7 +132,7 @@ def check(stage: Usd.Stage, roots: list[Path], others: Others) -> list[Problem]:
             for code in codes if is_camera(prim) else ():
                 problems += check_planes(at_code(prim, code))
         problems += others.settled(check_poses(root)) if root else []
-        problems += check_units(stage, others)
+        problems += scene_reader().check_units(stage, others)
     return list(dict.fromkeys(problems))
 
 
@@ -174,7 +171,7 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
     return problem(prim, "over-without-def", message, hint=hint)
 
 
-def _check_prim(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
+def _check_prim(prim: Usd.Prim, others: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
     name, is_known = prim.GetTypeName(), prim.GetPrimTypeInfo().GetSchemaTypeName()
     if not is_known and not FOR_NO_IMAGE.match(name) and (typed := saying(prim, "typeName")):
@@ -230,7 +227,7 @@ def _rank(op: str) -> int:
     return next((i for i, start in enumerate(usual) if op.startswith(start)), len(usual))
 
 
-def _check_variants(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
+def _check_variants(prim: Usd.Prim, others: ThirdPartyLayers) -> Iterator[Problem]:
     if not prim.HasAuthoredMetadata("variantSelection"):
         return
     sets, stack = prim.GetVariantSets(), specs(prim)
@@ -248,7 +245,7 @@ def _check_variants(prim: Usd.Prim, others: Others) -> Iterator[Problem]:
             yield at_opinion(spec, problem(prim, "unknown-variant", message, hint=hint, severity=severity))
 
 
-def _check_layers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
+def _check_layers(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of the layers themselves, of others aside."""
     layers = [layer for layer in used_layers(stage) if layer not in others.layers]
     yield from _check_root(stage)
@@ -272,7 +269,7 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
-def check_numbers(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
+def check_numbers(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of units and times of layers; of others only rates: by one of NaN USD scales samples without end."""
     for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
         value = _info(layer, key, None) if layer not in others.layers or key.endswith("PerSecond") else None
@@ -369,17 +366,12 @@ def _check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     ]
 
 
-def _check_assets(stage: Usd.Stage, roots: list[Path], others: Others) -> Iterator[Problem]:
+def _check_assets(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of asset values: pictures that cannot be read, and files outside all roots, or missing."""
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
-    pictures = [(prim, attribute) for prim in prims for attribute, _ in named_by(prim)]
-    for prim, attribute in pictures:
-        try:
-            picture_of(attribute)
-        except UnreadableValue as error:
-            is_ours = not others.wrote(attribute)
-            yield of_reader(attribute, error) if is_ours else others.without_picture(prim, error)
-    read = {attribute for _, attribute in pictures}
+    scenes = scene_reader()
+    yield from scenes.check_pictures(prims, others)
+    read = {attribute for prim in prims for attribute, _ in scenes.named_by(prim)}
     for attribute in (attribute for first, *_ in alike(prims) for attribute in first.GetAuthoredAttributes()):
         prim = attribute.GetPrim()
         if not issubclass(type(attribute.GetTypeName().defaultValue), Sdf.AssetPath | Sdf.AssetPathArray):

@@ -1,4 +1,5 @@
-"""Shapes that are drawn, as triangles: meshes of USD, subdivided as they say, and its solids.
+"""Shapes that are drawn, as triangles: meshes of USD. Of its subdivision surfaces and solids the plug-in `scenes` makes
+them.
 
 What a shape says wrongly never refuses a dataset: it is drawn as far as it can be, and `Drawn.flaws` says how.
 """
@@ -7,38 +8,29 @@ import itertools
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
-from pipeline.scene.usd.poses import stage_mm_per_unit
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.readers import read_once, take
-from pipeline.scene.usd.values import numbers, read
-from pipeline.targets import solids
-from pipeline.targets.solids import Solid
+from pipeline.scene.usd.values import numbers
 
 TOPOLOGY = (
     *("faceVertexCounts", "faceVertexIndices", "holeIndices", "creaseIndices", "creaseLengths", "creaseSharpnesses"),
     *("cornerIndices", "cornerSharpnesses"),
 )
-_SOLIDS: dict[str, tuple[Callable[..., Solid], tuple[str, ...]]] = {
-    "Sphere": (solids.sphere, ("radius",)),
-    "Cube": (lambda size, _: solids.cube(size), ("size",)),
-    "Cylinder": (solids.frustum, ("radius", "radius", "height")),
-    "Cylinder_1": (solids.frustum, ("radiusBottom", "radiusTop", "height")),
-    "Cone": (lambda radius, height, tolerance: solids.frustum(radius, 0.0, height, tolerance), ("radius", "height")),
-    "Capsule": (solids.capsule, ("radius", "radius", "height")),
-    "Capsule_1": (solids.capsule, ("radiusBottom", "radiusTop", "height")),
-    "Plane": (lambda width, length, _: solids.plane(width, length), ("width", "length")),
+SOLIDS = {
+    "Sphere": ("radius",),
+    "Cube": ("size",),
+    "Cylinder": ("radius", "radius", "height"),
+    "Cylinder_1": ("radiusBottom", "radiusTop", "height"),
+    "Cone": ("radius", "height"),
+    "Capsule": ("radius", "radius", "height"),
+    "Capsule_1": ("radiusBottom", "radiusTop", "height"),
+    "Plane": ("width", "length"),
 }
-"""The solid of each type of prim, and the attributes with its measures."""
-_FINENESS = 1e-3
-"""Largest distance of triangles from a curved surface, in greatest extents of the shape [1]; see plen:tolerance."""
-_SIDES_OF_CUBE = (4, 5, 2, 3, 0, 1)
-"""Numbers that the sides to +x, -x, +y, -y, +z and -z have in renderers of USD, for values of primvars."""
-_CORNERS_OF_CUBE = (7, 3, 1, 5, 0, 2, 6, 4)
-"""The corners of a cube in the order in which these have them, as numbers of three bits: is x, y, z positive?"""
+"""Attributes with the measures of each type of solid."""
 CORNERS = 3
 """Fewest corners of a face."""
 
@@ -152,14 +144,13 @@ def of_prim(prim: Usd.Prim, time: float | None = None) -> Hashable:
 
 
 def is_drawn(prim: Usd.Prim) -> bool:
-    return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in _SOLIDS
+    return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in SOLIDS
 
 
 @partial(read_once, named=lambda prim, *looks: (likeness_with_above(prim), *looks))
 def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
     """Whether the shape of a prim changes with time, or with primvars anything on it, inherited or not."""
-    solid = _SOLIDS.get(str(prim.GetTypeName()))
-    names = {"points", *TOPOLOGY} if solid is None else set(solid[1])
+    names = set(SOLIDS.get(str(prim.GetTypeName()), ("points", *TOPOLOGY)))
     looks = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if with_primvars else []
     names |= {"normals"} if with_primvars else set()
     things = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName() in names]
@@ -170,22 +161,14 @@ def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
 def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     """The triangles of a Mesh or a solid at a time, by default the earliest one."""
     take(prim)
-    if str(prim.GetTypeName()) in _SOLIDS:
-        return _of_solid(prim, _code(time))
+    if str(prim.GetTypeName()) in SOLIDS:
+        return scene_reader().solid(prim, time)
     polygons = polygons_of(prim, time)
-    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(_code(time))
+    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(code_at(time))
     scheme = written if written in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
-    if scheme != UsdGeom.Tokens.none and len(polygons.count):
-        from pipeline.scene.usd.subdivided import NotManifold, refined  # loads SciPy, which few datasets need
-
-        try:
-            shape = refined(prim, time, polygons, scheme)
-        except NotManifold as error:
-            flaw = f"{error}, so it is drawn as its polygons and not subdivided"
-            shape = _plain(replace(polygons, flaws=(*polygons.flaws, flaw)))
-    else:
-        shape = _plain(polygons)
-    if UsdGeom.Gprim(prim).GetOrientationAttr().Get(_code(time)) == UsdGeom.Tokens.leftHanded:
+    is_plain = scheme == UsdGeom.Tokens.none or not len(polygons.count)
+    shape = plain_shape(polygons) if is_plain else scene_reader().subdivided(prim, time, polygons, scheme)
+    if UsdGeom.Gprim(prim).GetOrientationAttr().Get(code_at(time)) == UsdGeom.Tokens.leftHanded:
         normals = None if shape.normals is None else -shape.normals
         shape = replace(shape, corners=shape.corners[:, [0, 2, 1]], normals=normals)
     return shape
@@ -197,17 +180,17 @@ def fans(mesh: UsdGeom.Mesh) -> Drawn:
     polygons = polygons_of(mesh.GetPrim(), None)
     if polygons.flaws:
         raise ValueError(polygons.flaws[0])
-    shape = _plain(polygons)
-    is_left = mesh.GetOrientationAttr().Get(_code(None)) == UsdGeom.Tokens.leftHanded
+    shape = plain_shape(polygons)
+    is_left = mesh.GetOrientationAttr().Get(code_at(None)) == UsdGeom.Tokens.leftHanded
     return replace(shape, corners=shape.corners[:, [0, 2, 1]]) if is_left else shape
 
 
-def _code(time: float | None) -> Usd.TimeCode:
+def code_at(time: float | None) -> Usd.TimeCode:
     return Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
 
 
 def array_of(prim: Usd.Prim, name: str, time: float | None) -> np.ndarray:
-    value = prim.GetAttribute(name).Get(_code(time))
+    value = prim.GetAttribute(name).Get(code_at(time))
     return numbers(value if value is not None else [])
 
 
@@ -257,7 +240,8 @@ def fan_corners(count: np.ndarray, is_hole: np.ndarray) -> tuple[np.ndarray, np.
     return np.stack([start[face], start[face] + step + 1, start[face] + step + 2], axis=1), face
 
 
-def _plain(polygons: Polygons) -> Drawn:
+def plain_shape(polygons: Polygons) -> Drawn:
+    """The polygons as they stand, each a fan of triangles."""
     corners, face = fan_corners(polygons.count, polygons.is_hole)
     return Drawn(
         points=polygons.points,
@@ -266,42 +250,4 @@ def _plain(polygons: Polygons) -> Drawn:
         faces=polygons.face[face],
         carry=polygons.carry,
         flaws=polygons.flaws,
-    )
-
-
-def tolerance_of(prim: Usd.Prim, size: float) -> float:
-    asked_mm = read(prim, "plen:tolerance") or 0.0
-    return asked_mm / stage_mm_per_unit(prim) if asked_mm > 0 else _FINENESS * size
-
-
-def _of_solid(prim: Usd.Prim, time: Usd.TimeCode) -> Drawn:
-    make, names = _SOLIDS[str(prim.GetTypeName())]
-    measures: list[Any] = [prim.GetAttribute(name).Get(time) for name in names]
-    flaws: tuple[str, ...] = ()
-    if not all(np.isfinite(measures)) or min(measures) < 0 or not max(measures) > 0:
-        listed = ", ".join(f"{name} = {value:g}" for name, value in zip(names, measures, strict=True))
-        flaws = (f"{listed}: nothing is drawn",)
-        solid = Solid(np.zeros((0, 3)), np.zeros((0, 3), int), np.zeros((0, 3, 3)), np.zeros((0, 3, 2)))
-    else:
-        rough = make(*measures, max(measures)).points
-        solid = make(*measures, tolerance_of(prim, float(np.ptp(rough, axis=0).max())))
-        solid = solid.along(str(prim.GetAttribute("axis").Get(time))) if prim.HasAttribute("axis") else solid
-    count, is_cube = len(solid.triangles), prim.GetTypeName() == "Cube"
-    vertex = np.argsort(_CORNERS_OF_CUBE)[(solid.points > 0) @ [4, 2, 1]] if is_cube else np.zeros(0, int)
-
-    def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
-        if interpolation == UsdGeom.Tokens.faceVarying or len(values) != len(_CORNERS_OF_CUBE) or not is_cube:
-            raise IndexError  # nobody says which vertices other solids have
-        return values[vertex[solid.triangles.ravel()]]
-
-    return Drawn(
-        points=solid.points + 0.0,
-        indices=solid.triangles.ravel(),
-        corners=np.arange(3 * count).reshape(-1, 3),
-        faces=np.repeat(_SIDES_OF_CUBE, count // len(_SIDES_OF_CUBE)) if is_cube else np.zeros(count, int),
-        carry=carry,
-        normals=solid.normals.reshape(-1, 3),
-        st=solid.st.reshape(-1, 2),
-        is_smooth=True,
-        flaws=flaws,
     )

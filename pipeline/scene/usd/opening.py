@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pxr import Pcp, Sdf, Tf, Usd, UsdUtils
 
-from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.plug_in import ThirdPartyLayers, scene_reader
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.roots import library_path, real_path
@@ -182,7 +182,7 @@ def instance_of(prim: Usd.Prim) -> str:
     return above or (str(prim.GetPath()) if prim.HasAuthoredInstanceable() else "")
 
 
-def check_instances(stage: Usd.Stage) -> tuple[list[Problem], Others]:
+def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
     """Write the instances out, and report opinions on prims below them, which USD ignores, and the layers of others.
 
     Afterwards these opinions count, so such a stage must not be read.
@@ -191,7 +191,7 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], Others]:
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    problems, others = [], Others(stage)
+    problems, others = [], scene_reader().third_party_layers(stage)
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}

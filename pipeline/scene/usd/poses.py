@@ -20,6 +20,10 @@ Times = Sequence[float | Usd.TimeCode]
 """Time codes; of USD's own kind also those just before a jump."""
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
+_ANY_TIME = 0.0
+"""Time code at which a visibility is read that never changes."""
+_SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
+"""Purposes of what is in images."""
 
 
 @read_once
@@ -64,6 +68,11 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
         return False
     take(prim, "visibility")
     return comes_and_goes(prim.GetParent()) or prim.GetAttribute("visibility").ValueMightBeTimeVarying()
+
+
+def is_in_images(prim: Usd.Prim) -> bool:
+    """Whether a prim has a purpose with which it is in images, and is not invisible for ever."""
+    return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
 @partial(read_once, named=lambda prim, times, *more: (prim, tuple(times), *more))

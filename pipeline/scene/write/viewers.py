@@ -18,9 +18,9 @@ from pipeline.camera.focusing.focus_request import solved
 from pipeline.errors import PipelineError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
-from pipeline.scene.pictures import named_by
 from pipeline.scene.targets import PREVIEW
 from pipeline.scene.usd.opening import PARTS
+from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.targets.preview import PreviewFaces, preview_faces
 from pipeline.targets.target import Target
 
@@ -49,6 +49,7 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     files = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
+    named_by = scene_reader().named_by
     pictures = {attribute.GetPath() for prim in stage.TraverseAll() for attribute, _ in named_by(prim)}
     for prim in stage.TraverseAll():
         if not (spec := layer.GetPrimAtPath(prim.GetPath())):

@@ -11,9 +11,19 @@ from pipeline.camera.parts.spectrum import alone
 from pipeline.frames import rigid
 from pipeline.plugins.scenes.lighting.draws import Names
 from pipeline.plugins.scenes.lighting.lit_scene import LitScene, LitView
+from pipeline.plugins.scenes.lighting.records import (
+    Coat,
+    Finish,
+    Glass,
+    Input,
+    Lamp,
+    Lighting,
+    Material,
+    PlacedLamp,
+    Shaping,
+)
+from pipeline.plugins.scenes.reading import solids
 from pipeline.records.plain import to_plain
-from pipeline.render.lighting.records import Coat, Finish, Glass, Input, Lamp, Lighting, Material, PlacedLamp, Shaping
-from pipeline.targets import solids
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.target import AnyTarget
 

@@ -9,13 +9,13 @@ from plugins.scenes.lit import ball, block, lamp, named, scene
 from published.mitsuba_sensor import FOV_DEG, HEIGHT_PX, WIDTH_PX, mi, pinhole
 from pxr import Usd, UsdGeom
 
-from pipeline.files.pictures import decoded
 from pipeline.plugins.scenes.lighting.draws import Names
 from pipeline.plugins.scenes.lighting.lit_scene import LitScene
-from pipeline.render.lighting.records import Finish, Material, PlacedLamp, Shaping
-from pipeline.scene.materials import read_finish
+from pipeline.plugins.scenes.lighting.records import Finish, Material, PlacedLamp, Shaping
+from pipeline.plugins.scenes.picture_files import decoded
+from pipeline.plugins.scenes.reading.materials import read_finish
+from pipeline.plugins.scenes.reading.pictures import name_of, named_by, picture_of
 from pipeline.scene.occluders import read_occluder
-from pipeline.scene.pictures import name_of, named_by, picture_of
 from pipeline.scene.usd.readers import notes_of
 from pipeline.targets.mesh import Occluder
 

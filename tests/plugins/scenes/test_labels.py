@@ -17,12 +17,12 @@ from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
-from pipeline.files.cryptomatte import id_of
 from pipeline.frames import apply, rigid
+from pipeline.plugins.scenes.labels.cryptomatte import id_of
 from pipeline.plugins.scenes.labels.pixels import RANKS, Asked, labels_of
 from pipeline.plugins.scenes.labels.sight_lines import SightLines
 from pipeline.plugins.scenes.labels.things import Later, Things
-from pipeline.render.lighting.records import Input, Material
+from pipeline.plugins.scenes.lighting.records import Input, Material
 from pipeline.render.pixel_rays import Band
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.surfaces import Cube, Cylinder, Flat, Warped

@@ -10,7 +10,7 @@ from laws.rigs import facing
 from plugins.scenes.lit import RAYS, agrees, lamp, looked, matt, mesh, plate, scene, towards
 from tolerances import LIT_ERRORS
 
-from pipeline.render.lighting.records import Input, Material, Shaping, Texture
+from pipeline.plugins.scenes.lighting.records import Input, Material, Shaping, Texture
 from pipeline.targets.mesh import Occluder
 
 SPOT = (30.0, -20.0, 500.0)

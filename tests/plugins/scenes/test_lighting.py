@@ -14,13 +14,13 @@ from stage_text import in_the_library, mesh_text, placed
 
 import pipeline
 from pipeline.camera.parts.spectrum import alone
-from pipeline.files.pictures import decoded
 from pipeline.plugins.scenes.graph import LitThings
 from pipeline.plugins.scenes.lighting.lit_scene import LitScene, LitView
+from pipeline.plugins.scenes.lighting.records import Lamp
+from pipeline.plugins.scenes.picture_files import decoded
+from pipeline.plugins.scenes.reading.lamps import shines
 from pipeline.products.surroundings import placed_occluder, placed_target
 from pipeline.records.plain import from_plain
-from pipeline.render.lighting.records import Lamp
-from pipeline.scene.lamps import shines
 from pipeline.scene.load import load
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target

@@ -10,8 +10,8 @@ from plugins.scenes.lit import lamp, towards
 
 from pipeline.camera.parts.spectrum import alone
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
+from pipeline.plugins.scenes.lighting.records import Coat, Lighting
 from pipeline.render.glow import Placed
-from pipeline.render.lighting.records import Coat, Lighting
 from pipeline.scene.dataset import Dataset
 
 FILE = Path(__file__).parent / "tiny_lit.exr"

@@ -15,8 +15,8 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
 from pipeline.plugins.scenes.lighting.materials import WRAPS, MaterialTable, Spot, input_at
+from pipeline.plugins.scenes.lighting.records import Coat, Input, Lighting, Material, Texture
 from pipeline.render.imaging import pictures_in_lights, white_parts
-from pipeline.render.lighting.records import Coat, Input, Lighting, Material, Texture
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

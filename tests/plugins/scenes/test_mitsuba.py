@@ -9,7 +9,7 @@ import pytest
 from plugins.scenes.lit import glass, matt, towards
 from tolerances import SAME_NOISE, SINGLE, WORST_PIXEL
 
-from pipeline.render.lighting.records import Input, Material
+from pipeline.plugins.scenes.lighting.records import Input, Material
 
 mitsuba = pytest.importorskip("mitsuba", reason="needs the extra `referees`")
 pytestmark = pytest.mark.heavy

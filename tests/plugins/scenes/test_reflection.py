@@ -20,8 +20,8 @@ from tolerances import (
     SAME_COLOUR,
 )
 
+from pipeline.plugins.scenes.lighting.records import Coat, Input, Material
 from pipeline.plugins.scenes.lighting.reflection import Paint, reflected, scattered, seen_along, tabled_layers
-from pipeline.render.lighting.records import Coat, Input, Material
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 

@@ -9,9 +9,9 @@ import pytest
 from plugins.scenes.lit import agrees, ball, block, glass, lamp, looked, matt, mesh, plate, scene, sky_on, towards
 from tolerances import FURNACE, LIT_ERRORS
 
+from pipeline.plugins.scenes.lighting.records import Finish, Glass, Input, Material
 from pipeline.plugins.scenes.lighting.reflection import Paint
 from pipeline.plugins.scenes.lighting.refraction import glass_reflected, glass_scattered
-from pipeline.render.lighting.records import Finish, Glass, Input, Material
 from pipeline.targets.mesh import Occluder
 
 SHINING = Material(diffuse_color=Input(value=(0.0,) * 3), ior=1.0, emissive_color=Input(value=(1.0,) * 3))

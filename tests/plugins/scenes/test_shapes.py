@@ -10,10 +10,10 @@ from pxr import Gf, Usd, UsdGeom
 from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
 from pipeline.limits import VARIABLE
+from pipeline.plugins.scenes import reader
 from pipeline.plugins.scenes.lighting import lit_scene
-from pipeline.scene import materials, shaders
+from pipeline.plugins.scenes.reading import materials, shaders, subdivided
 from pipeline.scene.load import load
-from pipeline.scene.usd import meshes, subdivided
 from pipeline.scene.usd.meshes import drawn, is_animated
 
 CUBE = (
@@ -107,7 +107,7 @@ def many(kind: str, count: int, ball: str = "", more: str = "") -> str:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_instances_share_one_tessellation(kind: str, tmp_path, monkeypatch):
-    made_once = counted(monkeypatch, meshes, "_of_solid")
+    made_once = counted(monkeypatch, reader, "solid")
     loaded = load(scene(tmp_path, many(kind, 20), lit=True), look=True)
     assert loaded.errors == [] and len(loaded.dataset.occluders) == 20 and len(made_once) == 1
     assert len({id(entry.occluder.vertices_mm) for entry in loaded.dataset.occluders}) == 1

@@ -10,9 +10,9 @@ from pipeline.camera.parts.spectrum import Slices, alone
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.plugins.scenes.lighting.lit_scene import LitView
+from pipeline.plugins.scenes.lighting.records import Finish, Lighting, PlacedLamp
 from pipeline.records.plain import to_plain
 from pipeline.render.imaging import known_flux, known_white_parts, pictures_in_lights, white_parts
-from pipeline.render.lighting.records import Finish, Lighting, PlacedLamp
 from pipeline.render.pixel_rays import Band
 
 

@@ -6,7 +6,7 @@ from plugins.scenes.lit import block, looked, plate
 from plugins.scenes.test_lighting import SUN, lit, loaded
 from tolerances import LIT_ERRORS
 
-from pipeline.targets import solids
+from pipeline.plugins.scenes.reading import solids
 from pipeline.targets.mesh import Occluder, is_closed
 
 BALL = """

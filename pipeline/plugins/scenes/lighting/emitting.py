@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline, unit
+from pipeline.plugins.scenes.lighting.records import Lamp, PlacedLamp
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Num
-from pipeline.render.lighting.records import Lamp, PlacedLamp
 
 PART, TINT = 18, 21
 """First columns, behind those of `lamps`, of what red, green and blue add to the radiance, and of their factors off the

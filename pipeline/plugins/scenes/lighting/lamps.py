@@ -21,11 +21,11 @@ from pipeline.plugins.scenes.lighting.emitting import (
     shape_of,
     shaped,
 )
+from pipeline.plugins.scenes.lighting.records import Lamp, PlacedLamp
 from pipeline.plugins.scenes.lighting.shapes import Glow
 from pipeline.plugins.scenes.lighting.skies import Dome, dome_density, dome_sample, dome_texel
 from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Float64
-from pipeline.render.lighting.records import Lamp, PlacedLamp
 from pipeline.targets.vectors import across, along, dot, minus, times, world
 from pipeline.targets.vectors import unit as of_length_one
 

@@ -22,6 +22,7 @@ from pipeline.plugins.scenes.lighting.glass_kernels import cross
 from pipeline.plugins.scenes.lighting.lamps import TOUCHING, Lamps, lamps_of
 from pipeline.plugins.scenes.lighting.materials import INDEX, SOLID, THRESHOLD, VEIL, Materials, MaterialTable
 from pipeline.plugins.scenes.lighting.paths import Hits, Paths, Shadows
+from pipeline.plugins.scenes.lighting.records import Finish, Lighting
 from pipeline.plugins.scenes.lighting.reflection import Layers, tabled_layers
 from pipeline.plugins.scenes.lighting.shading_kernels import shade
 from pipeline.plugins.scenes.lighting.skies import sky_of
@@ -29,7 +30,6 @@ from pipeline.records.plain import from_plain
 from pipeline.records.shapes import Bool, Float64, Int64, Num
 from pipeline.render.footprints import Footprints
 from pipeline.render.glow import PatchLight, add_values, inked
-from pipeline.render.lighting.records import Finish, Lighting
 from pipeline.render.pixel_rays import PixelRays
 from pipeline.render.spectral.prints import Colours
 from pipeline.render.surroundings import MeshScene

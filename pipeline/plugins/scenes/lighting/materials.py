@@ -13,10 +13,10 @@ import numpy as np
 
 from pipeline.camera.parts.spectrum import Slice
 from pipeline.jit.decorators import inline, unit
+from pipeline.plugins.scenes.lighting.records import Coat, Glass, Input, Material
 from pipeline.plugins.scenes.lighting.reflection import LEAST_ALPHA, Paint, let_through
 from pipeline.plugins.scenes.lighting.refraction import through_face, through_pane
 from pipeline.records.shapes import Float64, Num
-from pipeline.render.lighting.records import Coat, Glass, Input, Material
 
 DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, NORMAL_Z, COAT, COAT_ROUGHNESS = range(
     11

@@ -20,8 +20,8 @@ from pipeline.plugins.scenes.lighting.materials import (
     passing_to_lamps,
     presence_at,
 )
+from pipeline.plugins.scenes.lighting.records import Finish
 from pipeline.records.shapes import Float64
-from pipeline.render.lighting.records import Finish
 from pipeline.targets.mesh import Occluder
 from pipeline.targets.surface_kernels import path_to, shares
 from pipeline.targets.surfaces import CYLINDER, HEIGHTS, Patch

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.jit.decorators import inline
+from pipeline.plugins.scenes.lighting.records import PlacedLamp
 from pipeline.plugins.scenes.lighting.shapes import first_above
 from pipeline.records.shapes import Float64, Num
-from pipeline.render.lighting.records import PlacedLamp
 
 _FLOOR = 0.05
 """Part of the directions towards a sky that does not ask how bright it is there [1]."""

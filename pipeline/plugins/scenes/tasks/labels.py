@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.files.cryptomatte import attributes_of, id_of
 from pipeline.files.exr_bands import BandedPart, write_bands
 from pipeline.files.jsonfile import Json, write_json
 from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
+from pipeline.plugins.scenes.labels.cryptomatte import attributes_of, id_of
 from pipeline.plugins.scenes.labels.pixels import SHOWN, Asked, labels_of, preview
 from pipeline.plugins.scenes.labels.sight_lines import SightLines
 from pipeline.plugins.scenes.labels.things import Later, Things

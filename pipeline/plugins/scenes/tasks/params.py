@@ -8,10 +8,10 @@ from typing import ClassVar
 
 from pipeline.camera.parts.spectrum import Slices
 from pipeline.motion import Motion, Shutter
+from pipeline.plugins.scenes.lighting.records import Lighting
 from pipeline.products.images.params import Image
 from pipeline.products.light import Exposure
 from pipeline.products.views import Matrix, PaintedView, PlacedOccluder, PlacedTarget
-from pipeline.render.lighting.records import Lighting
 
 PICTURE = "picture.npy"
 LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"

@@ -4,7 +4,7 @@ import base64
 from pathlib import Path
 
 from pipeline.files.npy import write_npy
-from pipeline.files.pictures import decoded
+from pipeline.plugins.scenes.picture_files import decoded
 from pipeline.plugins.scenes.tasks.params import PICTURE, PictureFile, source_name
 from pipeline.products.cameras import Inputs
 

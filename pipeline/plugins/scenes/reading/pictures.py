@@ -107,7 +107,10 @@ def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
         raise PipelineError(what, hint=slashes, code="asset-missing")
     file, member = Ar.SplitPackageRelativePathInner(path)  # a package may lie in another one
     suffix = Path(member or file).suffix.lower()
-    from pipeline.files.pictures import SUFFIXES, ends_of  # stages without pictures need no library for them
+    from pipeline.plugins.scenes.picture_files import (  # stages without pictures need no library for them
+        SUFFIXES,
+        ends_of,
+    )
 
     if suffix not in SUFFIXES:
         hint = f"known are files that end in {', '.join(SUFFIXES)}"

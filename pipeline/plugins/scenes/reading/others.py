@@ -11,8 +11,10 @@ from itertools import chain
 
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
+from pipeline.plugins.scenes.reading.pictures import named_by, picture_of
+from pipeline.scene.usd.plug_in import ThirdPartyLayers
 from pipeline.scene.usd.poses import is_op
-from pipeline.scene.usd.problems import Problem, at_opinion, saying, shown_path, specs, warning
+from pipeline.scene.usd.problems import Problem, at_opinion, of_reader, saying, shown_path, specs, warning
 from pipeline.scene.usd.roots import used_layers
 from pipeline.scene.usd.values import NotSupported, UnreadableValue
 
@@ -105,11 +107,23 @@ class Others:
                 attribute.Set(fallback)
         yield replace(each, severity="warning", hint=f"it counts as {attribute.Get() or 'not written'}")
 
-    def without_picture(self, prim: Usd.Prim, error: UnreadableValue) -> Problem:
-        """A warning of a picture that cannot be read; the texture, or that of a light, is taken out."""
-        with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
-            error.thing.Set(Sdf.AssetPath())
-        fallback = prim.GetAttribute("inputs:fallback")
-        has_own = fallback and fallback.HasAuthoredValue()
-        instead = f"inputs:fallback of <{prim.GetPath()}>" if has_own else "what is drawn without it"
-        return warning(error.thing, error.code, error.message, hint=f"drawn instead is {instead}")
+
+def check_pictures(prims: Iterable[Usd.Prim], others: ThirdPartyLayers) -> Iterator[Problem]:
+    """Problems of pictures that cannot be read; in layers of others warnings, and what is drawn instead."""
+    named = [(prim, attribute) for prim in prims for attribute, _ in named_by(prim)]  # before any is taken out
+    for prim, attribute in named:
+        try:
+            picture_of(attribute)
+        except UnreadableValue as error:
+            yield _without_picture(prim, error) if others.wrote(attribute) else of_reader(attribute, error)
+
+
+def _without_picture(prim: Usd.Prim, error: UnreadableValue) -> Problem:
+    """A warning of a picture that cannot be read; the texture, or that of a light, is taken out."""
+    stage = prim.GetStage()
+    with Usd.EditContext(stage, stage.GetSessionLayer()):
+        error.thing.Set(Sdf.AssetPath())
+    fallback = prim.GetAttribute("inputs:fallback")
+    has_own = fallback and fallback.HasAuthoredValue()
+    instead = f"inputs:fallback of <{prim.GetPath()}>" if has_own else "what is drawn without it"
+    return warning(error.thing, error.code, error.message, hint=f"drawn instead is {instead}")

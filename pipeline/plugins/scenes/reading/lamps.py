@@ -8,11 +8,11 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.frames import apply
+from pipeline.plugins.scenes.lighting.records import Lamp, Rgb, Shaping
+from pipeline.plugins.scenes.reading.pictures import is_picture, name_of, picture_of
 from pipeline.records.shapes import Float64
-from pipeline.render.lighting.records import Lamp, Rgb, Shaping
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
-from pipeline.scene.pictures import is_picture, name_of, picture_of
-from pipeline.scene.usd.poses import comes_and_goes, frame_numbers, is_visible, stage_mm_per_unit, world_from
+from pipeline.scene.usd.poses import frame_numbers, is_in_images, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once, take
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, target_paths
@@ -28,13 +28,8 @@ KINDS = {
     "DomeLight_1": ("dome", (), ()),
 }
 """Kind of the record, attributes of its size, and factors of these, by type of prim."""
-_ANY_TIME = 0.0
-"""Time code at which a visibility is read that never changes."""
 _BRIGHTEST = 1e30
 """Largest radiance of a lamp [1]: images are single precision, and sums of many rays must fit."""
-_SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-"""Purposes of what is in images."""
-
 _UNHEARD: dict[str, tuple[Any, str]] = {
     "inputs:diffuse": (1.0, "lamps light all materials alike"),
     "inputs:specular": (1.0, "lamps light all materials alike"),
@@ -65,11 +60,6 @@ _EVEN = 1e-6
 _POINTS_ASKED = 64
 """Most points of a target that are asked."""
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
-
-
-def is_in_images(prim: Usd.Prim) -> bool:
-    """Whether a prim has a purpose with which it is in images, and is not invisible for ever."""
-    return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
 @read_once

@@ -5,9 +5,8 @@ import pytest
 from scipy.interpolate import BSpline
 from shorter import few_cases
 
-from pipeline.targets import solids
-from pipeline.targets.mesh import _distances
-from pipeline.targets.subdivision import (
+from pipeline.plugins.scenes.reading import solids
+from pipeline.plugins.scenes.reading.subdivision import (
     BILINEAR,
     CATMULL_CLARK,
     LOOP,
@@ -17,6 +16,7 @@ from pipeline.targets.subdivision import (
     _Rules,
     limit_normals,
 )
+from pipeline.targets.mesh import _distances
 
 RNG = np.random.default_rng(11)
 

@@ -1,4 +1,4 @@
-"""Materials of the meshes of a lit scene, with their normals and texture coordinates, and which meshes these are."""
+"""Materials of the meshes of a lit scene, with their normals and texture coordinates."""
 
 import math
 from collections.abc import Hashable, Iterator, Set
@@ -8,35 +8,14 @@ from typing import Any
 import numpy as np
 from pxr import Sdf, Usd, UsdGeom
 
-from pipeline.render.lighting.records import Finish, Numbers
-from pipeline.scene.lamps import is_in_images, is_lit
-from pipeline.scene.shaders import Wanted, primvar_of, remarks_on, shades, values_of
-from pipeline.scene.targets import is_preview
-from pipeline.scene.usd.meshes import Drawn, alike, drawn, is_animated, is_drawn, likeness_with_above, look, of_prim
+from pipeline.plugins.scenes.lighting.records import Finish, Numbers
+from pipeline.plugins.scenes.reading.lamps import is_lit
+from pipeline.plugins.scenes.reading.shaders import Wanted, primvar_of, remarks_on, shades, values_of
+from pipeline.scene.occluders import seen_meshes
+from pipeline.scene.usd.meshes import Drawn, alike, drawn, likeness_with_above, look
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import UnreadableValue, plain, read, targets
-
-
-@read_once
-def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
-    """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
-    stage = root.GetStage()
-    wholes = targets(root, "plen:occluders", "Imageable")
-    below = (prim for whole in wholes for prim in Usd.PrimRange(whole) if prim == whole or is_in_images(prim))
-    named = dict.fromkeys(prim for prim in below if is_drawn(prim))
-    if not is_lit(stage):
-        return list(named)
-    meshed = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
-    taken = {mesh for prim in meshed for mesh in targets(prim, "plen:mesh", "Mesh")}
-    others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
-    return list(named) + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
-
-
-@read_once
-def seen_shapes(root: Usd.Prim) -> list[list[Usd.Prim]]:
-    """These shapes, those together that are alike."""
-    return alike(seen_meshes(root), lambda prim: of_prim(prim, 0.0 if is_animated(prim) else None))
 
 
 @partial(read_once, named=look)

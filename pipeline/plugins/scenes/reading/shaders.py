@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from pxr import Sdr, Usd, UsdGeom, UsdShade
 
-from pipeline.render.lighting.records import Input, Material, Numbers, Texture
-from pipeline.scene.glass import read_glass
-from pipeline.scene.lamps import is_mesh_light, mesh_light
-from pipeline.scene.pictures import file_attribute, first_of, name_of, picture_of
+from pipeline.plugins.scenes.lighting.records import Input, Material, Numbers, Texture
+from pipeline.plugins.scenes.reading.glass import read_glass
+from pipeline.plugins.scenes.reading.lamps import is_mesh_light, mesh_light
+from pipeline.plugins.scenes.reading.pictures import file_attribute, first_of, name_of, picture_of
 from pipeline.scene.usd.meshes import drawn, look
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.readers import read_once, take

@@ -8,7 +8,7 @@ from pxr import Usd, UsdShade
 
 from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import Constant, GlassError, Medium
-from pipeline.render.lighting.records import Glass
+from pipeline.plugins.scenes.lighting.records import Glass
 from pipeline.scene.channels import seen_nm
 from pipeline.scene.usd.problems import Problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, targets

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from places import DATA
 from stage_text import edited, mesh_text, over_tiny
 
 from pipeline.products.graph import graph_of
@@ -38,7 +39,7 @@ def labels_of(folder: Path, camera: str = ASKED) -> dict[str, dict]:
     """Parameters of the tasks of labels, by name."""
     text = over_tiny(camera=camera).rstrip().removesuffix("}")
     (folder / "stage.usda").write_text(text + SCENE, encoding="utf-8")
-    loaded = load(folder / "stage.usda", allow_roots=(Path(__file__).parents[1] / "data",))
+    loaded = load(folder / "stage.usda", allow_roots=(DATA,))
     assert [each for each in loaded.problems if each.severity == "error"] == []
     graph = graph_of(loaded.dataset).graph
     return {name: graph[name].params for name in graph if name.startswith("labels")}
@@ -64,7 +65,7 @@ def test_flow_is_to_the_next_frame_of_the_dataset_whatever_the_camera_is_there(t
     focus = "double plen:camera:sensorDistance.timeSamples = {1: 125, 2: 125.5}"
     text = over_tiny(camera=f"{ASKED}\n{focus}").rstrip().removesuffix("}") + SCENE
     (tmp_path / "stage.usda").write_text(text, encoding="utf-8")
-    loaded = load(tmp_path / "stage.usda", allow_roots=(Path(__file__).parents[1] / "data",))
+    loaded = load(tmp_path / "stage.usda", allow_roots=(DATA,))
     graph = graph_of(loaded.dataset).graph
     reads = {name: dict(graph[name].reads) for name in graph if name.startswith("labels_tile")}
     first, last = "camera/Rig.Camera.0001", "camera/Rig.Camera.0002"

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from pipeline.files.cryptomatte import attributes_of, id_of, murmur3
 from pipeline.files.exr import Part, write_exr
+from pipeline.plugins.scenes.labels.cryptomatte import attributes_of, id_of, murmur3
 
 PUBLISHED = {
     b"": 0x00000000,

@@ -6,6 +6,7 @@ from typing import Any
 
 from pipeline.motion import Motion
 from pipeline.records.plain import ByContent
+from pipeline.targets.target import Coat
 
 Rgb = tuple[float, float, float]
 """Linear components of sRGB's primaries."""
@@ -114,14 +115,6 @@ class Finish(ByContent):
     material_of: Any = None  # index of the material of each triangle, (t,); None: all have the first
     normals: Any = None  # (t, 9) float64; None: flat ones
     primvars: dict[str, Any] = field(default_factory=dict)  # (t, 3 k) of k numbers
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Coat:
-    """A smooth transparent coat on a target: its roughness, as UsdPreviewSurface has it, and its refractive index."""
-
-    roughness: float
-    ior: float = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,11 +1,14 @@
 """Meshes of USD as subdivision surfaces: their creases, boundaries and primvars."""
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.limits import limits
+from pipeline.plugins.scenes.reading.solid_prims import tolerance_of
+from pipeline.plugins.scenes.reading.subdivision import BILINEAR, LOOP, Cage, Levels, NotManifold
 from pipeline.scene.usd.meshes import (
     CORNERS,
     TOPOLOGY,
@@ -13,14 +16,11 @@ from pipeline.scene.usd.meshes import (
     Polygons,
     array_of,
     fan_corners,
+    plain_shape,
     polygons_of,
-    tolerance_of,
 )
 from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.readers import read_once
-from pipeline.targets.subdivision import BILINEAR, LOOP, Cage, Levels, NotManifold
-
-__all__ = ["NotManifold", "refined"]
 
 
 class Surface:
@@ -117,6 +117,15 @@ class Surface:
 @read_once
 def _surface(prim: Usd.Prim, time: float | None, scheme: str) -> Surface:
     return Surface(prim, time, polygons_of(prim, time), scheme)
+
+
+def subdivided(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:
+    """The triangles of a subdivision surface, or of its polygons where these are no surface."""
+    try:
+        return refined(prim, time, polygons, scheme)
+    except NotManifold as error:
+        flaw = f"{error}, so it is drawn as its polygons and not subdivided"
+        return plain_shape(replace(polygons, flaws=(*polygons.flaws, flaw)))
 
 
 def refined(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:

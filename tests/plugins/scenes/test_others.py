@@ -14,7 +14,7 @@ from stage_text import edited, head, in_the_library, mesh_text, placed, stage_in
 from tolerances import SINGLE
 
 from pipeline.errors import PipelineError
-from pipeline.files.pictures import decoded
+from pipeline.plugins.scenes.picture_files import decoded
 from pipeline.scene.load import Loaded, load
 
 SKY_AND_MAN = 'def DomeLight "Sky"\n{\n}\ndef Xform "Man" (\nprepend references = @asset.usda@\n)\n{\n%s\n}\n'

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from pxr import Pcp, Sdf, Usd, UsdGeom
 
-from pipeline.scene.usd.others import Others
+from pipeline.scene.usd.plug_in import ThirdPartyLayers
 from pipeline.scene.usd.poses import ancestry, xform_ops
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 
@@ -22,7 +22,7 @@ _UPRIGHT = 0.7
 """Cosine of an angle to the axis that a transform leaves where it is [1]: 45 degrees."""
 
 
-def check_units(stage: Usd.Stage, others: Others) -> Iterator[Problem]:
+def check_units(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
     """A warning for each prim that brings in lengths or an axis other than its own, and does not convert them."""
     for prim in stage.Traverse() if others.layers else ():
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
