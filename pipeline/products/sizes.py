@@ -73,7 +73,7 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
     how = params.get("sampling") or params.get("exposure")
     camera = graph[graph[name].reads.get("camera", name)].params
-    if "claim_px" in params or ("table" in params and params["view"]):
+    if ("claim_px" in params and params["frames"]) or ("table" in params and params["view"]):
         (rays, more_s), ray_s = _cost_of_rows(params, as_json(camera)), SECONDS_PER_RAY / 2  # most are blocked early
     if how and not params.get("tiles") and not params.get("passes"):
         sensor = camera["sensor"]
