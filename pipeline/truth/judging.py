@@ -1,7 +1,7 @@
 """The certificate of a table: a sample of its rows, solved again with the other rule of integration and more rays.
 
-Rows of position images and their moments come from random rays and are judged by quadrature. Rows by `direct` come from
-quadrature and are judged by random rays. Both rules share the trace, which is tested against published rays.
+Rows of position images come from random rays and are judged by quadrature. Rows by `direct` come from quadrature and
+are judged by random rays. Both rules share the trace, which is tested against published rays.
 
 The verdict is a test in two stages. In the first, more and more rays identify the rows that surely keep the claim. In
 the second, doubtful rows are judged again by fresh rays alone, so that the choice of the first stage does not bias it.
@@ -12,7 +12,7 @@ degrees of freedom, two-sided, whichever way errors point (Szekely and Bakirov, 
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +22,7 @@ from pipeline.camera.integrals import Bundles, Integral, pooled, random_integral
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
-from pipeline.records.shapes import Bool, Float64, Int64
+from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.newton import Search, errors_px, mean_hit, over_exposure
 from pipeline.truth.planes import Exposed
 from pipeline.truth.settings import CLAIM_PX, JUDGES_RAYS, ROWS, SHARPER
@@ -50,42 +50,22 @@ class Rows:
     planes: Exposed  # tangent planes at their target points
     cell: Int64[np.ndarray, "n"]  # index of their microlens; 0 for a conventional camera
     x_px: Float64[np.ndarray, "n 2"]
-    is_direct: Bool[np.ndarray, "n"]  # whether they were found by quadrature
-    # number of rows of the table that each one represents
-    stands_for: Float64[np.ndarray, "n"] | float = 1.0
+    is_direct: bool  # whether they were found by quadrature
 
     def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
-        return Rows(self.planes.only(kept), self.cell[kept], self.x_px[kept], self.is_direct[kept], self.weights[kept])
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Number of rows of the table that each one represents, (n,)."""
-        return np.broadcast_to(self.stands_for, len(self.cell))
+        return Rows(self.planes.only(kept), self.cell[kept], self.x_px[kept], self.is_direct)
 
     @staticmethod
     def joined(parts: list["Rows"]) -> "Rows":
         """Rows of several tables, one after the other."""
         planes = Exposed.joined([part.planes for part in parts])
-        none = Rows(planes.only(slice(0, 0)), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0, bool))
-        names = ("cell", "x_px", "is_direct")
-        return Rows(planes, *(np.concatenate([getattr(part, name) for part in (none, *parts)]) for name in names))
+        cell = np.concatenate([np.zeros(0, np.int64), *(part.cell for part in parts)])
+        x_px = np.concatenate([np.zeros((0, 2)), *(part.x_px for part in parts)])
+        return Rows(planes, cell, x_px, all(part.is_direct for part in parts))
 
     def drawn(self, seed: int, rows: int = ROWS) -> "Rows":
-        """A random sample of these rows, which represents all of them."""
-        chosen = sample(self.is_direct, seed, rows)
-        total = np.bincount(self.is_direct, minlength=2)
-        drawn = np.bincount(self.is_direct[chosen], minlength=2)
-        kind = self.is_direct[chosen].astype(int)
-        return replace(self.only(chosen), stands_for=total[kind] / drawn[kind])
-
-
-def sample(is_direct: Bool[np.ndarray, "n"], seed: int, rows: int = ROWS) -> np.ndarray:
-    """Indices of at most `rows` rows, drawn without repetition, ascending; half of either kind if possible."""
-    order = np.random.default_rng(seed).permutation(len(is_direct))
-    searched = order[~is_direct[order]]
-    direct = order[is_direct[order]]
-    searched = searched[: max(rows // 2, rows - len(direct))]
-    return np.sort(np.concatenate([searched, direct[: rows - len(searched)]]))
+        """A random sample of at most `rows` of these rows, drawn without repetition, in their order."""
+        return self.only(np.sort(np.random.default_rng(seed).permutation(len(self.cell))[:rows]))
 
 
 _ROUNDING_PX = 1e-12
@@ -122,14 +102,9 @@ class Differences(NamedTuple):
 
 def differences(rig: Rig, rows: Rows, claim_px: float) -> Differences:
     """Solve rows again by the other rule."""
-    n = len(rows.cell)
-    found = Differences(np.full((n, 2), np.nan), np.full((n, 2), np.nan), np.ones(n))
-    for kind, judge in ((False, _by_quadrature), (True, _by_random_rays)):
-        of_kind = np.flatnonzero(rows.is_direct == kind)
-        if len(of_kind):
-            for into, part in zip(found, judge(rig, rows.only(of_kind), claim_px), strict=True):
-                into[of_kind] = part
-    return found
+    if not len(rows.cell):
+        return Differences(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0))
+    return (_by_random_rays if rows.is_direct else _by_quadrature)(rig, rows, claim_px)
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
@@ -235,9 +210,6 @@ WORST = 5.0
 """Claims by which a row of a position image may differ [1]: with `WITHIN` alone one row in twenty could be anywhere."""
 NOTHING = "nothing to certify: the tables have no row"
 """Reason for a missing verdict if no point is visible."""
-KINDS = ("position images", "direct")
-"""Kinds of rows; the kind of a row decides the rule that judges it."""
-
 _BINS_PX = (0.0, 1.0, 2.0, 4.0)
 """Distances from the border of a cell or of the image at which bins begin [px]: the search reads values up to two
 pixels around a row, so rows nearer to a border have fewer of them."""
@@ -257,22 +229,12 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
         "claim_px": claim_px,
         "rows": len(length),
         "of": of,
-        "by_quadrature": int(np.sum(~rows.is_direct)),
-        "by_random_rays": int(np.sum(rows.is_direct)),
+        "kind": "direct" if rows.is_direct else "position images",
+        "within_claim": None if claim_px is None else int(np.sum(within)),
+        "beyond_claim": None if claim_px is None else int(np.sum(beyond)),
         **_figures(length),
         "own_sigma_px": _plain(rms(judge_error)) if len(judge_error) else None,
         "differences_px": [_plain(difference) for difference in np.sort(length).tolist()],
-        "by_kind": [
-            {
-                "kind": kind,
-                "rows": int(selected.sum()),
-                "of": round(rows.weights[selected].sum()),
-                "within_claim": None if claim_px is None else int(np.sum(within[selected])),
-                "beyond_claim": None if claim_px is None else int(np.sum(beyond[selected])),
-                **_figures(length[selected]),
-            }
-            for kind, selected in zip(KINDS, (~rows.is_direct, rows.is_direct), strict=True)
-        ],
         "by_distance_from_cell_edge": [
             {
                 "from_px": low,
@@ -295,7 +257,7 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
 def judged(found: Differences, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows shown to lie within their claim, and rows shown to lie beyond, (n,) bool each; the rest is undecided."""
     within = (found.chance(claim_px) > _SUSPECT) & found.is_decisive(claim_px)
-    return within, found.chance(np.where(rows.is_direct, 1, WORST) * claim_px) * len(within) < FALSE_ALARM / 2
+    return within, found.chance((1 if rows.is_direct else WORST) * claim_px) * len(within) < FALSE_ALARM / 2
 
 
 def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | None, str | None]:
@@ -314,9 +276,9 @@ def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | Non
         )
     # Some right rows seem to be wrong by chance, and some of position images are.
     over = int(np.sum(found.chance(claim_px) < _CHANCE))
-    if bdtrc(over - 1, n, _CHANCE + (1 - WITHIN) * np.mean(~rows.is_direct)) < FALSE_ALARM / 2:
+    if bdtrc(over - 1, n, _CHANCE + (0 if rows.is_direct else 1 - WITHIN)) < FALSE_ALARM / 2:
         return False, f"{over} of {n} rows seem to lie beyond the claim, too many for chance"
-    share = float(np.average(within, weights=rows.weights))
+    share = float(np.mean(within))
     if share >= WITHIN:
         return True, None
     own_px = rms(found.error_px)

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pipeline.records.shapes import Bool, Float64, Int64, Shaped
+from pipeline.records.shapes import Bool, Float64, Int64
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,6 @@ class Correspondences:
     blur_px2: Float64[np.ndarray, "n 2 2"]  # NaN if the second moments are unknown
     rho_px: Float64[np.ndarray, "n"]
     counts: dict[str, int]  # numbers of solutions found, rejected and dropped, by reason
-    method: Shaped[np.ndarray, "n"]  # name of the method that found each row
     # Points and cells of candidates that may have rows but were not solved
     unsolved: Int64[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
 
@@ -75,7 +74,7 @@ class Correspondences:
         return self.only(np.lexsort((*axial[self.solutions.cell].T, self.solutions.point)))
 
 
-_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px", "method")
+_PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px")
 
 
 class Whereabouts(Protocol):

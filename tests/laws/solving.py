@@ -35,7 +35,7 @@ def solved(rig: Rig, board: Checkerboard, pose: np.ndarray, accuracy_px: float =
 
 
 def judged_rows(rows: Solutions, planes: np.ndarray, is_direct: bool) -> Rows:
-    return Rows(Exposed.still(planes[rows.point]), rows.cell, rows.xy_px, np.full(len(rows.cell), is_direct))
+    return Rows(Exposed.still(planes[rows.point]), rows.cell, rows.xy_px, is_direct)
 
 
 UNFILTERED = TruthSettings(method="two-plane", filter="none")

@@ -13,7 +13,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth import judging
-from pipeline.truth.judging import Differences, Rows, certify, sample, verdict
+from pipeline.truth.judging import Differences, Rows, certify, verdict
 from pipeline.truth.planes import Exposed, tangent_planes
 from pipeline.truth.settings import ROWS, SHARPER, rows_of_build
 
@@ -91,7 +91,7 @@ def test_twice_the_claim_in_one_row_of_twenty_is_found() -> None:
     rows.x_px[[7, 31]] += 2e-3 * np.array([[1.0, 0.0], [-0.6, 0.8]])
     found = certify(rig, rows, 40, 1e-3)
     assert found["passed"] is False and found["reason"].startswith("2 of 40 rows lie beyond")
-    assert [found["by_kind"][1][name] for name in ("within_claim", "beyond_claim")] == [38, 2]
+    assert [found[name] for name in ("within_claim", "beyond_claim")] == [38, 2]
 
 
 def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,13 +115,13 @@ def test_rows_that_surely_keep_the_claim_get_no_more_rays(monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("of", "rows"), [(0, 45), (12, 45), (168, 45), (512, 64), (3295, 135)])
 def test_a_build_judges_one_row_in_eight(of: int, rows: int) -> None:
     assert rows_of_build(of) == rows
-    is_direct = np.random.default_rng(2).permutation(np.arange(of) < of // 2)
-    drawn = sample(is_direct, 3, rows)
-    assert len(drawn) == min(of, rows)
-    assert abs(2 * np.sum(is_direct[drawn]) - len(drawn)) <= 1
+    x_px = np.arange(2.0 * of).reshape(of, 2)
+    drawn = Rows(Exposed.still(np.zeros((of, 4, 3))), np.arange(of), x_px, True).drawn(3, rows)
+    assert len(drawn.cell) == min(of, rows) and (np.diff(drawn.cell) > 0).all()
+    np.testing.assert_array_equal(drawn.x_px, x_px[drawn.cell])
 
 
-def rows_and(length: list[float], own: list[float], freedom: float, is_direct: np.ndarray) -> tuple[Differences, Rows]:
+def rows_and(length: list[float], own: list[float], freedom: float, is_direct: bool) -> tuple[Differences, Rows]:
     n = len(length)
     found = np.array([length, [0.0] * n]).T, np.array([own, [0.0] * n]).T
     rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct)
@@ -160,16 +160,8 @@ def test_verdicts(
     length: list[float], own: list[float], freedom: float, is_direct: bool, expected: bool | None
 ) -> None:
     """Differences and standard errors in claims."""
-    passed, reason = verdict(*rows_and(length, own, freedom, np.full(len(length), is_direct)), 1.0)
+    passed, reason = verdict(*rows_and(length, own, freedom, is_direct), 1.0)
     assert passed is expected and (reason is None) == (expected is True)
-
-
-def test_rows_of_a_kind_that_is_rare_in_the_table_weigh_little() -> None:
-    """32 rows stand for one each, a twelfth of them unknown, and 32 for a hundred each; then the other way round."""
-    found, rows = rows_and([0.1] * 64, [9.0] * 6 + [0.1] * 58, MANY, np.arange(64) < 32)
-    rare = np.array([1.0] * 32 + [100.0] * 32)
-    assert verdict(found, replace(rows, stands_for=rare), 1.0)[0] is True
-    assert verdict(found, replace(rows, stands_for=rare[::-1]), 1.0)[0] is None
 
 
 class Synthetic(judging._RandomRays):
@@ -195,7 +187,7 @@ class Synthetic(judging._RandomRays):
 def synthetic(true_px: np.ndarray, seed: int, blunt_px: float) -> tuple[bool | None, Differences]:
     """The verdict on rows by `direct` with true errors (n,) in claims, by a judge so blunt with 2^14 rays."""
     n, angle = len(true_px), np.random.default_rng(-seed % 2**32).uniform(0, 2 * np.pi, len(true_px))
-    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), np.full(n, True))
+    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), True)
     judge = Synthetic(true_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), rows, seed, blunt_px)
     judge.approach(1.0)
     judge.ask_again(1.0)
@@ -232,15 +224,3 @@ def test_errors_of_twice_the_claim_in_a_twentieth_of_the_rows_are_found() -> Non
         errors[np.random.default_rng(seed).permutation(ROWS)[: ROWS // 20]] = 2.0
         assert synthetic(errors, seed, 1.0)[0] is False
     assert 0.95**ROWS < 1e-3
-
-
-@pytest.mark.parametrize(("images", "direct", "expected"), [(15, 153, 15), (500, 9, 126), (400, 400, 67), (3, 4, 3)])
-def test_a_sample_has_both_kinds_and_stands_for_the_table(images: int, direct: int, expected: int) -> None:
-    is_direct = np.random.default_rng(1).permutation(np.arange(images + direct) < direct)
-    drawn = sample(is_direct, 5)
-    assert len(set(drawn)) == len(drawn) == min(ROWS, images + direct) and (np.diff(drawn) > 0).all()
-    assert np.sum(~is_direct[drawn]) == expected
-    n = len(is_direct)
-    rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), is_direct).drawn(5)
-    assert rows.weights[~rows.is_direct].sum() == pytest.approx(images)
-    assert rows.weights[rows.is_direct].sum() == pytest.approx(direct)

@@ -155,9 +155,11 @@ def test_a_planted_bias_of_a_fiftieth_pixel_is_caught(small: Rig, is_direct: boo
     x = rows.xy_px
 
     def verdict(bias_px: float) -> dict:
-        kind = np.full(len(x), is_direct)
         return certify(
-            small, Rows(Exposed.still(planes[rows.point]), rows.cell, x + np.array([bias_px, 0.0]), kind), len(x), 1e-3
+            small,
+            Rows(Exposed.still(planes[rows.point]), rows.cell, x + np.array([bias_px, 0.0]), is_direct),
+            len(x),
+            1e-3,
         )
 
     honest, biased = verdict(0.0), verdict(0.02)

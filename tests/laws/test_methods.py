@@ -93,9 +93,7 @@ def judged(scene: Scene, rows: Correspondences, bias_px: float, claim_px: float)
     found = rows.solutions.only(some)
     planes = tangent_planes(scene.pose, scene.points.position_mm, scene.points.plane_axes)[found.point]
     x = np.stack([found.x_px + bias_px, found.y_px], axis=1)
-    return certify(
-        scene.rig, Rows(Exposed.still(planes), found.cell, x, rows.method[some] == "direct"), len(some), claim_px
-    )
+    return certify(scene.rig, Rows(Exposed.still(planes), found.cell, x, True), len(some), claim_px)
 
 
 def most_by_chance(rows: int) -> float:

@@ -270,7 +270,7 @@ def test_the_certificate_judges_rows_at_their_own_times(pinhole):
     rows = solve_points(rig, planes, slice(None), 1e-4, 0.05).solutions
     for shift_px in (0.0, 0.01):
         x_px = rows.xy_px + np.array([0.0, shift_px])
-        judged = Rows(planes.exposed(rows.point, x_px), rows.cell, x_px, np.ones(len(x_px), bool))
+        judged = Rows(planes.exposed(rows.point, x_px), rows.cell, x_px, True)
         apart, sigma, _ = differences(rig, judged, 1e-3)
         np.testing.assert_allclose(apart[:, 1], -shift_px, rtol=0.2, atol=5 * sigma.max() + 1e-4)
 

@@ -19,11 +19,10 @@ def certificate_lines(cameras: dict[str, Json]) -> list[str]:
         text.append(f"certificate of {name}: {_verdict(certificate)} ({claim})")
         if not certificate["of"]:
             continue
-        kinds = [(part, f"by {part['kind']}{_kept(part)}") for part in certificate["by_kind"] if part["rows"]]
         edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
         own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
-        label = f"all{f', {kinds.pop()[1]}' if len(kinds) == 1 else ''}; certain to {own_error} px"
-        text += [_LEGEND, *(_row(*part) for part in ((certificate, label), *kinds, *(edges if len(edges) > 1 else ())))]
+        label = f"all, by {certificate['kind']}{_kept(certificate)}; certain to {own_error} px"
+        text += [_LEGEND, *(_row(*part) for part in ((certificate, label), *(edges if len(edges) > 1 else ())))]
     return text
 
 

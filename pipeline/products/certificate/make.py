@@ -74,12 +74,12 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
     x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
-    is_direct = np.array(table.columns["method"]) == "direct"
+    is_direct = set(table.columns["method"]) <= {"direct"}
     cell = cells_of(rig, table)
     parts = []
     for entry in targets:
         here, planes = names == entry.name, planes_of(rig, entry, shutter)
-        parts.append(Rows(planes.exposed(point[here], x[here]), cell[here], x[here], is_direct[here]))
+        parts.append(Rows(planes.exposed(point[here], x[here]), cell[here], x[here], is_direct))
     return parts
 
 

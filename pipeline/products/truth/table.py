@@ -102,7 +102,7 @@ def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspon
         blur[:, 0, 1],
         blur[:, 1, 1],
         truth.rho_px,
-        truth.method.tolist(),
+        [table.settings.method] * rows,
     )
     columns: Json = dict(zip(COLUMNS, values, strict=True))
     channel = table.channel

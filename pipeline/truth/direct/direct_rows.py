@@ -208,7 +208,6 @@ def _with_blur(
         blurred,
         rho,
         {**counts, "rays": search.rays + rays},
-        np.full(len(rows), "direct"),
     )
     return solved.sorted_by(rig.axial)
 

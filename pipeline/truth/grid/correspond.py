@@ -156,7 +156,6 @@ def with_light(
         blurred,
         blur.signed_radius_px(blurred, uv),
         {},
-        np.full(len(solutions.point), settings.method),
     )
 
 
