@@ -18,7 +18,7 @@ from pipeline.camera.tracer import Tracer
 from pipeline.files.jsonfile import read_json
 from pipeline.files.npy import StackedRows
 from pipeline.products.light import Exposure
-from pipeline.records.plain import from_plain, to_plain
+from pipeline.records.plain import from_plain
 from pipeline.truth.grid.ray_grid import image_from_fine
 
 Inputs = dict[str, dict[str, Path]]
@@ -50,7 +50,11 @@ def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
 
 
 def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
-    return _tracer(json.dumps(to_plain(focused_camera(inputs))), seed)
+    return _tracer(_text(inputs), seed)
+
+
+def _text(inputs: Inputs) -> str:
+    return inputs["camera"][FOCUSED].read_text(encoding="utf-8")
 
 
 def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
@@ -62,14 +66,14 @@ def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
 
 def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:
     """The focused camera made ready."""
-    tracer = tracer_alone(inputs, seed)
-    images = _images(json.dumps(to_plain(tracer.camera)), seed) if tracer.camera.microlenses else None
-    return Rig(tracer, images, square_px)
+    text = _text(inputs)
+    tracer = _tracer(text, seed)
+    return Rig(tracer, _images(text, seed) if tracer.camera.microlenses else None, square_px)
 
 
 @functools.lru_cache(maxsize=_KEPT)
 def _tracer(camera: str, seed: int) -> Tracer:
-    """The tracer of a camera given as text: two texts are equal only if all of their numbers are."""
+    """The tracer of a camera by the text of focused.json: two texts are equal only if all of their numbers are."""
     return Tracer(from_plain(Camera, json.loads(camera)), seed)
 
 
