@@ -68,6 +68,7 @@ class Draft(NamedTuple):
             reads=dict(reads or {}),
             together=together,
             after_delivery=after_delivery,
+            record=type(params),
         )
         return self.graph.put(task)
 

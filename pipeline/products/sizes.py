@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,12 +18,20 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.engine.planning.explain import duration
 from pipeline.engine.planning.forecast import Cost
-from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.records import Params, as_json
+from pipeline.files.jsonfile import Json
 from pipeline.frames import apply
 from pipeline.optics.first_order import first_order
+from pipeline.products.certificate.params import Certificate
 from pipeline.products.graph import graph_of
-from pipeline.records.plain import from_plain
+from pipeline.products.images.params import SECONDS_PER_MET, Image, White
+from pipeline.products.light import Exposure
+from pipeline.products.positions.params import Positions
+from pipeline.products.rays.params import JoinedRays, RaysTile
+from pipeline.products.truth.params import Truth
+from pipeline.products.views import PaintedView, PlacedView
+from pipeline.records.plain import from_plain, to_plain
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.targets.drawing import CHECKS, DISC, POLYGON, SPOKES
 from pipeline.targets.target import target_from_plain
@@ -33,21 +42,10 @@ SECONDS_PER_RAY = 1e-7
 behind microlenses, tiles of images of boards up to 90 ns, on a core of an AMD EPYC on 24 November 2026. Slower
 processors take two or three times as long.
 """
-_SECONDS_PER_SURFACE = 6e-7
-"""Processor time of a ray of a lit image for each surface that it meets [s]: with two reflections rays took 2.5 µs in
-example 05 on a busy machine, else 0.5 µs before an open wall and 1.1 in a closed room, on 28 November 2026.
-"""
-_GOING_ON = 0.8
-"""Share of the rays that go on from a surface to the next [1]: in that room five reflections took 1.55 times as long.
-"""
 _SHARE_BEHIND_MICROLENSES = 0.3
 """Share of the rays of a white image that one without lamps takes behind microlenses: 0.2 to 0.4 in example 02."""
 _BESIDE_BLUR_PX = 2.0
 """Width by which footprints of pixels surpass the blur of a point: that of a pixel, and margins on both sides [px]."""
-_SECONDS_PER_MET = 6e-7
-"""Processor time of a ray that is followed to what it meets [s]: those of labels, and of images without lamps of a bent
-target, took 0.5 to 1.3 µs on a busy Intel Xeon on 27 November 2026.
-"""
 _SHAPES_WITH_FACES = ("flat", "cube", "stairs")
 _SECONDS_PER_TASK = 0.05
 """Processor time of a task besides such rays [s]: tiles of truth took 0.3 s there, and most others less than this."""
@@ -58,38 +56,85 @@ _LONG_S = 60.0
 """Processor time from which a preview is worth a word [s]."""
 
 
-def size(_: str, params: Params) -> float:
+@runtime_checkable
+class _Imaged(Protocol):
+    """Params of images and labels."""
+
+    exposure: Exposure
+
+
+@runtime_checkable
+class _Seen(_Imaged, Protocol):
+    """Params of images of a view, and of its labels."""
+
+    view: PaintedView | None
+    rows: tuple[int, int] | None
+
+    @property
+    def seconds_per_ray(self) -> float | None: ...
+
+
+def size(task: Task, plain: Params) -> float:
     """Rays of a task per pixel of the sensor, or of a band of its rows; 0 if its params have no samples.
 
     The resolution of the sensor is not considered: after it was edited, a forecast states the cost of the old one.
     """
-    rows = params["end_row"] - params["first_row"] if "end_row" in params else 1
-    rays = params.get("sampling") or params.get("exposure") or {}
-    return float(rows * rays.get("supersampling", 1) ** 2 * rays.get("samples", 0))
+    try:
+        params: Any = from_plain(task.record or dict, plain)
+    except (KeyError, TypeError, ValueError, AttributeError):  # those of another version
+        return 0.0
+    match params:
+        case RaysTile(sampling=how):
+            return float((params.end_row - params.first_row) * how.supersampling**2 * how.samples)
+        case JoinedRays(sampling=how) | Positions(sampling=how):
+            return float(how.supersampling**2 * how.samples)
+        case _Imaged():
+            return float(params.exposure.samples)
+    return 0.0
 
 
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
     """Cost of a task of which only its rays are known. Passes after the first, maybe not needed, count nothing."""
-    params, rays, ray_s, more_s = graph[name].params, 0.0, SECONDS_PER_RAY, 0.0
-    how = params.get("sampling") or params.get("exposure")
-    camera = graph[graph[name].reads.get("camera", name)].params
-    if ("claim_px" in params and params["frames"]) or ("table" in params and params["view"]):
-        (rays, more_s), ray_s = _cost_of_rows(params, as_json(camera)), SECONDS_PER_RAY / 2  # most are blocked early
-    if how and not params.get("tiles") and not params.get("passes"):
-        sensor = camera["sensor"]
-        first, end = params.get("rows") or (params.get("first_row", 0), params.get("end_row", sensor["height_px"]))
-        rays = (end - first) * sensor["width_px"] * how["samples"] * how.get("supersampling", 1) ** 2
-        glows = "view" in params and not params["view"].get("lighting")
-        if params.get("is_smooth"):
-            rays *= _are_dark_at_an_end(as_json(camera), first, end)
-        elif "later" in params or (glows and any(map(_is_bent, params["view"]["targets"]))):
-            ray_s = _SECONDS_PER_MET
-        elif "view" in params and not glows:
-            bounces = params["view"]["lighting"]["bounces"]
-            ray_s = _SECONDS_PER_SURFACE * sum(_GOING_ON**met for met in range(bounces + 1))
-        elif glows:
-            rays *= _share_sampled(as_json(camera), as_json(params["view"]["targets"]))
+    task, rays, ray_s, more_s = graph[name], 0.0, SECONDS_PER_RAY, 0.0
+    params: Any = from_plain(task.record or dict, task.params)
+    plain = as_json(graph[task.reads.get("camera", name)].params)
+    match params:
+        case Certificate(frames=(_, *_)) | Truth(view=PlacedView()):
+            (rays, more_s), ray_s = _cost_of_rows(params, plain), SECONDS_PER_RAY / 2  # most are blocked early
+        case RaysTile(sampling=how):
+            rays = (params.end_row - params.first_row) * _row_rays(plain, how.samples * how.supersampling**2)
+        case Positions(sampling=how):
+            height_px = _camera(plain).sensor.height_px
+            rays = height_px * _row_rays(plain, how.samples * how.supersampling**2)
+        case White(tiles=0, passes=0):
+            first, end = _rows(params, plain)
+            rays = (end - first) * _row_rays(plain, params.exposure.samples)
+            rays *= _are_dark_at_an_end(plain, first, end) if params.is_smooth else 1.0
+        case Image(passes=passes) if passes:
+            pass
+        case _Seen(view=PaintedView() as view):
+            first, end = _rows(params, plain)
+            rays = (end - first) * _row_rays(plain, params.exposure.samples)
+            if params.seconds_per_ray is not None:
+                ray_s = params.seconds_per_ray
+            elif any(_is_bent(placed.target) for placed in view.targets):
+                ray_s = SECONDS_PER_MET
+            else:
+                rays *= _share_sampled(plain, as_json([to_plain(placed) for placed in view.targets]))
     return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
+
+
+def _rows(params: White | _Seen, plain: bytes) -> tuple[int, int]:
+    return params.rows or (0, _camera(plain).sensor.height_px)
+
+
+def _row_rays(plain: bytes, samples: int) -> int:
+    return _camera(plain).sensor.width_px * samples
+
+
+@lru_cache(maxsize=64)
+def _camera(plain: bytes) -> Camera:
+    return from_plain(Camera, json.loads(plain))
 
 
 def _are_dark_at_an_end(plain: bytes, first: int, end: int) -> bool:
@@ -101,7 +146,7 @@ def _are_dark_at_an_end(plain: bytes, first: int, end: int) -> bool:
 @lru_cache(maxsize=8)
 def _lit(plain: bytes) -> tuple[tuple[int, int], float]:
     """Size of the sensor [px], and the share of the way from its middle to its farthest corner that light reaches."""
-    camera = from_plain(Camera, json.loads(plain))
+    camera = _camera(plain)
     sensor, tracer = camera.sensor, Tracer(camera)
     way_mm = np.array([(sensor.offset_x_mm, sensor.offset_y_mm), sensor.farthest_corner_mm])
     return (sensor.width_px, sensor.height_px), lit_share(tracer.table, tracer.stop_row, *tracer.on_film(way_mm))
@@ -113,7 +158,7 @@ def _share_sampled(plain: bytes, targets: bytes) -> float:
     """Share of the pixels that take rays in an image of flat targets that glow: those whose light comes from both sides
     of an edge, by the length of all edges and the blur there.
     """
-    camera, share = from_plain(Camera, json.loads(plain)), 0.0
+    camera, share = _camera(plain), 0.0
     if camera.microlenses:
         return _SHARE_BEHIND_MICROLENSES
     for placed in json.loads(targets):
@@ -137,24 +182,30 @@ def _half_edges_mm(kind: int, numbers: np.ndarray) -> float:
     return {POLYGON: c - b + e - d, DISC: math.pi * d, SPOKES: a * (e - d), CHECKS: (a + 1) * (b + 1) * c}[int(kind)]
 
 
-def _is_bent(target: Params) -> bool:
-    surface = target["target"].get("surface")  # none of a mesh
+def _is_bent(target: Json) -> bool:
+    surface = target.get("surface")  # none of a mesh
     return surface is None or surface["kind"] not in _SHAPES_WITH_FACES
 
 
-def _cost_of_rows(params: Params, plain: bytes) -> tuple[float, float]:
+def _cost_of_rows(params: Truth | Certificate, plain: bytes) -> tuple[float, float]:
     """Rays of the rows of a table, or of a judge of frames alike; or time by the microlenses that may see points."""
-    camera, rows, rays, frames = from_plain(Camera, json.loads(plain)), 0.0, 0.0, params.get("frames")
-    view, array, claim_px = (frames or [params.get("view")])[0], camera.microlenses, params.get("claim_px") or math.inf
-    for target in view["targets"]:
-        every, z_mm = target_from_plain(target["target"]).points().kinds, target["vision_from_target"][2][3]
-        first, end = params["points"].get(target["name"], (0, 0)) if params.get("points") else (0, len(every))
+    camera, rows, rays, claim_px, points = _camera(plain), 0.0, 0.0, math.inf, None
+    if isinstance(params, Certificate):
+        targets, is_hidden, claim_px = params.frames[0].targets, False, params.claim_px or math.inf
+    else:
+        assert params.view is not None  # of tables that tiles make
+        targets, is_hidden, points = params.view.targets, bool(params.view.occluders), params.points
+    array = camera.microlenses
+    for target in targets:
+        every, z_mm = target_from_plain(target.target).points().kinds, target.vision_from_target[2][3]
+        first, end = points.get(target.name, (0, 0)) if points else (0, len(every))
         some = (end - first) * (microlenses_lit(camera, array, z_mm) if array else 1)
-        row, look, judge = (0, 0, JUDGES_RAYS[0]) if array else _rays_of_row(plain, z_mm, params["square_px"], claim_px)
-        rows, rays = rows + some, rays + some * (judge if frames else row + look * bool(view["occluders"]))
-    if frames:
-        return rays / max(1.0, rows) * min(of := rows * len(frames), rows_of_build(int(of))), 0.0
-    lights = len((params["table"]["channel"] or {"wavelengths_nm": [0]})["wavelengths_nm"])
+        row, look, judge = (0, 0, JUDGES_RAYS[0]) if array else _rays_of_row(plain, z_mm, params.square_px, claim_px)
+        rows += some
+        rays += some * (judge if isinstance(params, Certificate) else row + look * is_hidden)
+    if isinstance(params, Certificate):
+        return rays / max(1.0, rows) * min(of := rows * len(params.frames), rows_of_build(int(of))), 0.0
+    lights = len(params.table.channel.wavelengths_nm) if params.table.channel else 1
     return rays, rows * lights * _SECONDS_PER_PAIR[array.is_plain] if array else 0.0
 
 
@@ -162,7 +213,7 @@ def _cost_of_rows(params: Params, plain: bytes) -> tuple[float, float]:
 def _rays_of_row(plain: bytes, z_mm: float, square_px: float, claim_px: float) -> tuple[float, float, float]:
     """Rays of a row of truth, of a look at what hides it, and of its judge, by those of five bundles of the sensor."""
     # No number of a lens says where what passes is in pieces, or small. Searches took 3 to 7 times their last integral.
-    tracer = Tracer(from_plain(Camera, json.loads(plain)))
+    tracer = Tracer(_camera(plain))
     x_px = np.array([(2, 2), (1, 1), (1, 3), (3, 1), (3, 3)]) / 4 * tracer.camera.sensor.size_px - 0.5
     bundles = Bundles(x_px, np.full(5, NO_MICROLENS), parallel_planes(z_mm, 2 * z_mm)[None].repeat(5, 0), square_px)
     leaving = np.array([len(bundle_behind(tracer, x, y, NO_MICROLENS, RAYS).weight_sr) for x, y in x_px]) / RAYS

@@ -34,9 +34,9 @@ from pipeline.truth.settings import CLAIM_PX
 UNSIZED = {"cpu_seconds": 2.0, "rays": 100.0, "peak_bytes": 1 << 20}
 
 
-def size(kind, params):
+def size(task, params):
     """Work of the toy's rays grows with their samples."""
-    return float(params["samples"]) if kind == "rays" else 0.0
+    return float(params["samples"]) if task.short_kind == "rays" else 0.0
 
 
 def assumed(graph, name):

@@ -4,14 +4,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from statistics import fmean, median
 
-from pipeline.engine.planning.graph import TaskGraph
+from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.planning.plan import PlannedTask
 from pipeline.engine.records import Params, Run
 from pipeline.engine.store.store import Store
 from pipeline.records.plain import Json
 
-Size = Callable[[str, Params], float]
-"""Function from kind and params of a task to a number to which its work is proportional; 0 if unknown."""
+Size = Callable[[Task, Params], float]
+"""Function from a task and params that it has or had to a number to which its work is proportional; 0 if unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,16 +51,16 @@ class Past:
     kinds: Mapping[str, Cost]
     size: Size
 
-    def cost_of(self, task: PlannedTask, params: Params) -> Cost | None:
+    def cost_of(self, task: Task) -> Cost | None:
         """Estimated cost of a task; None if neither it nor its kind has ever run."""
         last = self.store.peek(self.last_keys[task.name]) if task.name in self.last_keys else None
         if last is None or last.made_by.cpu_seconds is None:
-            return self.kinds.get(task.kind)
+            return self.kinds.get(task.short_kind)
         run = last.made_by
-        before = self.size(task.kind, last.components.params)
-        now = self.size(task.kind, params)
+        before = self.size(task, last.components.params)
+        now = self.size(task, task.params)
         factor = now / before if before > 0 and now > 0 else 1.0
-        alike = self.kinds.get(task.kind)
+        alike = self.kinds.get(task.short_kind)
         seconds = alike.cpu_seconds / alike.rays * run.rays if alike and alike.rays else _seconds([run])
         # Memory stays the same, because tiles limit it.
         return Cost(cpu_seconds=seconds * factor, rays=run.rays * factor, peak_bytes=run.peak_bytes)
@@ -69,7 +69,7 @@ class Past:
 def forecast(planned: Iterable[PlannedTask], graph: TaskGraph, past: Past, assumed: Assumed) -> Forecast:
     """Sum the costs of all tasks of a plan that are not cached; kinds that never ran count by `assumed`."""
     todo = [task for task in planned if task.state != "cached"]
-    estimates = [past.cost_of(task, graph[task.name].params) for task in todo]
+    estimates = [past.cost_of(graph[task.name]) for task in todo]
     costs = [cost or assumed(graph, task.name) for task, cost in zip(todo, estimates, strict=True)]
     return Forecast(
         tasks=len(todo),

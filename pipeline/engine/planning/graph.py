@@ -34,6 +34,7 @@ class Task:
     a `Sequence`, and receives one folder for each.
     `after_delivery`: the task reads the output folder, once the files of all tasks that it `reads` are there. It
     receives that folder instead of their outputs, which still make its key.
+    `record`: type of which the params are, for whoever asks what they mean; it is not part of the key.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Task:
     reads: dict[str, str]
     together: str | None = None
     after_delivery: bool = False
+    record: type | None = None
 
     @functools.cached_property
     def canonical(self) -> bytes:

@@ -6,6 +6,10 @@ from pipeline.motion import Shutter
 from pipeline.products.light import Exposure
 from pipeline.products.views import PaintedView
 
+SECONDS_PER_MET = 6e-7
+"""Processor time of a ray that is followed to what it meets [s]: those of labels, and of images without lamps of a bent
+target, took 0.5 to 1.3 µs on a busy Intel Xeon on 27 November 2026.
+"""
 FIRST, OWN, STRIP = "first", "own", "tile"
 """Roles, with a number, of the first pass over a strip; of that of its own; and, with a number, of a strip."""
 
@@ -38,3 +42,8 @@ class Image(Rendering):
 
     view: PaintedView | None
     shutter: Shutter | None = None
+
+    @property
+    def seconds_per_ray(self) -> float | None:
+        """Processor time of a ray, for forecasts [s]; None: that of an image without lamps."""
+        return None

@@ -9,10 +9,17 @@ from typing import ClassVar
 from pipeline.camera.parts.spectrum import Slices
 from pipeline.motion import Motion, Shutter
 from pipeline.plugins.scenes.lighting.records import Lighting
-from pipeline.products.images.params import Image
+from pipeline.products.images.params import SECONDS_PER_MET, Image
 from pipeline.products.light import Exposure
 from pipeline.products.views import Matrix, PaintedView, PlacedOccluder, PlacedTarget
 
+_SECONDS_PER_SURFACE = 6e-7
+"""Processor time of a ray of a lit image for each surface that it meets [s]: with two reflections rays took 2.5 µs in
+example 05 on a busy machine, else 0.5 µs before an open wall and 1.1 in a closed room, on 28 November 2026.
+"""
+_GOING_ON = 0.8
+"""Share of the rays that go on from a surface to the next [1]: in that room five reflections took 1.55 times as long.
+"""
 PICTURE = "picture.npy"
 LABELS, BOXES, PREVIEW = "labels.exr", "boxes.json", "labels.png"
 
@@ -51,6 +58,13 @@ class LitImage(Image):
 
     view: LitPaintedView | None
 
+    @property
+    def seconds_per_ray(self) -> float | None:
+        """Processor time of a ray, with what it meets [s]."""
+        if self.view is None or self.view.lighting is None:
+            return None
+        return _SECONDS_PER_SURFACE * sum(_GOING_ON**met for met in range(self.view.lighting.bounces + 1))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
@@ -88,6 +102,11 @@ class LabelsTile:
     rows: tuple[int, int] = (0, 0)
     shutter: Shutter | None = None
     camera_motion: Motion | None = None
+
+    @property
+    def seconds_per_ray(self) -> float:
+        """Processor time of a ray, for forecasts [s]."""
+        return SECONDS_PER_MET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
