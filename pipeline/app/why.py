@@ -114,10 +114,10 @@ class _Since:
 
 
 def _is_open(reason: Reason) -> bool:
-    """Whether an edit of the stage may be behind a reason: not if code changed, or the bytes of an input."""
+    """Whether an edit of the stage may be behind a reason: not if code alone changed, or the bytes of an input."""
     field = reason.field or ""
     is_role = field.startswith("inputs") and None in (reason.old, reason.new)
-    is_changed = reason.type is ReasonType.CHANGED and (field.startswith("params") or is_role)
+    is_changed = reason.type is ReasonType.CHANGED and (field.startswith("params") or field == "kind" or is_role)
     return is_changed or reason.type is ReasonType.NEW
 
 

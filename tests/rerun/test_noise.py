@@ -10,8 +10,8 @@ from builds import made
 from stage_text import edited, stage_in, tiny_text
 
 from pipeline.engine.events import Done
-from pipeline.products import draft as adding
 from pipeline.products import tiles
+from pipeline.products.images import plan
 
 IMAGES = ("image", "white")
 LAMP = """    def SphereLight "Lamp"
@@ -43,7 +43,7 @@ def files_of(out: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("lit", [False, pytest.param(True, marks=pytest.mark.heavy)])
 def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From its first passes: it ends with the bytes that it has alone."""
-    monkeypatch.setattr(adding, "MOST_SAMPLES", 256)
+    monkeypatch.setattr(plan, "MOST_SAMPLES", 256)
     monkeypatch.setattr(tiles, "_STRIP_PX", 400)  # two strips
     coarse_stage, fine_stage = (stage_with(noise, tmp_path / str(noise), lit=lit) for noise in (0.12, 0.05))
     made(coarse_stage, tmp_path / "a", tmp_path / "store", targets=IMAGES)
@@ -56,7 +56,7 @@ def test_a_finer_request_goes_on_from_a_coarser_one(lit: bool, tmp_path: Path, m
 
 def test_what_is_reached_is_stated(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the header, per pixel, and, while it runs, in the progress; the most samples end a request too fine."""
-    monkeypatch.setattr(adding, "MOST_SAMPLES", 64)
+    monkeypatch.setattr(plan, "MOST_SAMPLES", 64)
     events = []
     stage = stage_with(0.001, tmp_path / "stage")
     result = made(stage, tmp_path / "out", tmp_path / "store", targets=IMAGES, on_event=events.append)

@@ -156,7 +156,10 @@ def _why_missing(
         return [Reason(type=ReasonType.NEW)]
     if last is None:
         return [Reason(type=ReasonType.MISSING, field="record")]
-    return list(differences(fields_of(last.components), fields_of(spec.components)))
+    old, new = fields_of(last.components), fields_of(spec.components)
+    if old["kind"] != new["kind"]:  # other code and libraries follow from that
+        old, new = ({**parts, "code": "", "libraries": {}, "machine": {}} for parts in (old, new))
+    return list(differences(old, new))
 
 
 def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
