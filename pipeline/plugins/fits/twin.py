@@ -104,12 +104,16 @@ class Twin:
         return Group(name=name, rows=int(there.sum()), chi2=float(chi2), expected=float(expected))
 
     @cached_property
+    def sizes_px(self) -> dict[str, tuple[int, int]]:
+        """Widths and heights of the images, by camera."""
+        cameras = (entry for camera in self.stage.nominal.cameras for entry in camera.in_channels)
+        return {entry.full_name: entry.camera.sensor.size_px for entry in cameras}
+
+    @cached_property
     def groups(self) -> dict[str, list[Group]]:
         """Chi squared by camera, frame and region of the image."""
-        seen, sizes = self.observations, dict[str, tuple[int, int]]()
-        for camera in self.stage.nominal.cameras:
-            sizes |= {entry.full_name: entry.camera.sensor.size_px for entry in camera.in_channels}
-        share = (seen.x_px + 0.5) / np.array([sizes[name] for name in seen.camera.tolist()])
+        seen = self.observations
+        share = (seen.x_px + 0.5) / np.array([self.sizes_px[name] for name in seen.camera.tolist()])
         column, row = np.clip((share * 3).astype(int), 0, 2).T
         regions = [(r, c, f"{down} {across}") for r, down in enumerate(_ROWS) for c, across in enumerate(_COLUMNS)]
         return {

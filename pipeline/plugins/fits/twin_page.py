@@ -1,13 +1,18 @@
-"""What a fit to a real camera found, as lines for a terminal."""
+"""A fit to a real camera as lines for a terminal, and as maps of its residuals."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from pipeline.plugins.fits.twin import Twin
+from pipeline.results.notebook import figure, svg_of
 
 _LEAST_PART = 0.05
 """Part of a direction below which a number is not named [1]."""
+_WIDTH_IN, _WORDS_IN = 9.0, 0.9
+"""Width of the map of a camera, and height of its words [inch]."""
+_LONGEST = 0.06
+"""Length of a residual of five sigma over the width of the image [1]: lines of noise hardly touch."""
 
 
 def page(twin: Twin) -> Iterator[str]:
@@ -48,3 +53,25 @@ def page(twin: Twin) -> Iterator[str]:
         yield f"  by {kind:7} {'; '.join(parts)}"
     yield from (f"  note: {each}" for each in twin.untold)
     yield from (f"  DOUBT: {each}" for each in twin.doubts)
+
+
+def residual_maps(twin: Twin) -> str:
+    """The residual of each position, predicted minus observed, over the image of each camera, as SVG."""
+    sizes, seen = twin.sizes_px, twin.observations
+    names = np.unique(seen.camera).tolist()
+    heights = [_WIDTH_IN * sizes[name][1] / sizes[name][0] + _WORDS_IN for name in names]
+    shown = figure(_WIDTH_IN, sum(heights))
+    panels = shown.subplots(len(names), 1, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
+    for name, axes in zip(names, panels, strict=True):
+        rows = (seen.camera == name) & np.isfinite(twin.solution.residual_px[:, 0])
+        wide, high = sizes[name]
+        times = _LONGEST * wide / (5 * float(np.median(seen.sigma_px[rows])))
+        starts = seen.x_px[rows]
+        ends = starts + times * twin.solution.residual_px[rows]
+        x, y = np.stack([starts, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2).T
+        axes.plot(x, y, color="#c0392b", linewidth=0.8)
+        axes.plot(*starts.T, ".", color="#333333", markersize=2)
+        axes.set(xlim=(-0.5, wide - 0.5), ylim=(high - 0.5, -0.5), aspect="equal", xlabel="x [px]", ylabel="y [px]")
+        rms_px = float(np.sqrt(np.mean(twin.solution.residual_px[rows] ** 2)))
+        axes.set_title(f"{name}: predicted minus observed, {times:.3g} times; {rms_px:.3g} px rms", fontsize="medium")
+    return svg_of(shown)

@@ -172,6 +172,7 @@ def calibrate(
     loss: Annotated[
         float | None, typer.Option(metavar="SIGMAS", help="Cauchy's loss: rows further off count less.", min=0.1)
     ] = None,
+    plot: Annotated[Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw the residual of each position.")] = None,
     as_json: Json = False,
     allow_root: Roots = None,
 ) -> None:
@@ -179,19 +180,26 @@ def calibrate(
 
     Ends with 6 if something is left that noise does not explain. docs/how_to/calibrate.md.
     """
-    from pipeline.app.stages import require_free
+    from pipeline.app.stages import draw, require_free
     from pipeline.files.jsonfile import json_bytes
     from pipeline.plugins.fits.free_numbers import FreeStage
     from pipeline.plugins.fits.observations import Stated
     from pipeline.plugins.fits.twin import calibrate as fitted
     from pipeline.plugins.fits.twin import document
-    from pipeline.plugins.fits.twin_page import page
+    from pipeline.plugins.fits.twin_page import page, residual_maps
+    from pipeline.results.notebook import require_plots
 
     require_free(out)
+    require_suffix(plot, ".svg")
+    if plot is not None:
+        require_plots()
     numbers = FreeStage(stage, free or [], tuple(allow_root or ()))
     stated = Stated(pixel_origin=pixel_origin, position=position, sigma_px=sigma, camera=camera)
     twin = fitted(numbers, observations, stated, loss_scale=loss, known_poses=poses == "known", tell=note)
-    files = twin.write(out)
+    files = [*twin.write(out)]
+    if plot is not None:
+        draw(residual_maps(twin), plot)
+        files.append(plot)
     say(json_bytes(document(twin)).decode().rstrip("\n") if as_json else "\n".join(page(twin)))
     note(*(f"wrote {file}" for file in files))
     if twin.doubts:

@@ -274,7 +274,8 @@ def test_half_a_pixel_is_never_guessed(run, tmp_path, narrow, exact, remarks, op
 
 def test_the_command_prints_a_table_and_writes_two_files(run, tmp_path, narrow, exact):
     file = table(exact, tmp_path / "seen.csv")
-    code, output, log = run("calibrate", narrow.path, file, "-o", "fitted.usda", "--free", "Made")
+    code, output, log = run("calibrate", narrow.path, file, "-o", "fitted.usda", "--free", "Made", "--plot", "off.svg")
+    assert "84 positions" in output and (tmp_path / "off.svg").read_text().startswith("<?xml")
     assert code == 0 and "wrote fitted.usda" in log and (tmp_path / "fitted.json").exists()
     assert "/Scene/Rig/Lens/S3.plen:radius" in output and "chi squared over what noise leaves" in output
     code, _, log = run("calibrate", narrow.path, file, "-o", "fitted.usda")
