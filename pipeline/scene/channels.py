@@ -1,4 +1,4 @@
-"""Colour channels of a sensor: wavelengths that stand for each, and what a lens and its glasses know of their light."""
+"""Colour channels of a sensor: their quadrature wavelengths, and the lens at each of these."""
 
 import contextlib
 from collections.abc import Iterator

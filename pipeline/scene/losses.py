@@ -1,5 +1,5 @@
-"""Coatings and glasses of a lens and the windows before it: what they take at a wavelength, and whether they cover the
-light of a camera.
+"""Losses of light in coatings and glasses of a lens and its windows by wavelength, and data that do not cover the light
+of a camera.
 """
 
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""A microlens array: attributes that belong together or contradict each other, and arrays that cannot exist."""
+"""Microlens arrays: their records, attributes that contradict each other, and arrays that cannot exist."""
 
 from collections.abc import Iterator, Set
 

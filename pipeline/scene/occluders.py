@@ -1,4 +1,4 @@
-"""Occluders: which shapes these are, each in each frame with its shape, and outside the lens."""
+"""Occluders: the shapes of a dataset that hide target points, by frame, and checks that none reaches into a lens."""
 
 import itertools
 from collections.abc import Iterator, Sequence, Set

@@ -1,4 +1,4 @@
-"""A dataset as a whole: its contents, frames, names and exports, and how it differs from what a USD viewer shows."""
+"""A dataset: its contents, frames, names and exports, and its differences from the scene that a USD viewer shows."""
 
 import unicodedata
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Shutters of cameras, and what moves before them while they are open."""
+"""Shutters of cameras, and motions before them during an exposure."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

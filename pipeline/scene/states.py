@@ -119,14 +119,14 @@ def _change(attribute: Usd.Attribute, code: float, opens: float, closes: float) 
     edges = [first, *sorted(time for time in bends([attribute], first, last) if first < time < last), last]
     times = [*map(Usd.TimeCode, node_times(np.array(edges), NODES).ravel().tolist())]
     times += map(Usd.TimeCode.PreTime, edges[1:-1])
-    here, values = numbers(attribute.Get(code)), [numbers(attribute.Get(time)) for time in times]
-    away = [float(np.abs(value - here).max(initial=0.0)) for value in values]
-    farthest = values[int(np.argmax(away))]
-    if max(away) <= _HELD * max(np.abs(here).max(initial=0.0), np.abs(farthest).max(initial=0.0)):
+    stated, values = numbers(attribute.Get(code)), [numbers(attribute.Get(time)) for time in times]
+    deviations = [float(np.abs(value - stated).max(initial=0.0)) for value in values]
+    farthest = values[int(np.argmax(deviations))]
+    if max(deviations) <= _HELD * max(np.abs(stated).max(initial=0.0), np.abs(farthest).max(initial=0.0)):
         return None
-    return f"{_shown(here)} at the time code, and {_shown(farthest)} while it is open"
+    return f"{_in_words(stated)} at the time code, and {_in_words(farthest)} while it is open"
 
 
-def _shown(value: np.ndarray) -> str:
+def _in_words(value: np.ndarray) -> str:
     text = ", ".join(f"{number:.5g}" for number in value.tolist())
     return text if len(value) == 1 else f"({text})"

@@ -1,7 +1,7 @@
-"""Numbers of a stage by which the ground truth has derivatives: what is read with each a little less, and more.
+"""Numbers of a stage by which the ground truth has derivatives: datasets with each number at -h and at +h.
 
-Any number may be meant that a reader takes from a stage, with all that follows from it: of a camera that is focused at
-a distance, a radius moves the focus, too.
+Any number that a reader takes from a stage may be varied, with its consequences: where a camera is focused at a
+distance, a step of a radius moves the focus, too.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,5 +1,5 @@
-"""Warnings that take some rays: parts of a camera that hardly fit together, mostly because of a wrong unit, and frames
-in which a camera sees nothing of a target, or little (`camera.figures.outlook`).
+"""Warnings that need rays: implausible cameras, mostly because of a wrong unit, and frames in which a camera sees
+little or nothing of a target (`camera.figures.outlook`).
 """
 
 import itertools

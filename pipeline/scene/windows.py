@@ -1,5 +1,7 @@
-"""Windows before a camera, and the medium of the scene: fixed to the camera, they are part of it; standing in the
-world, they are before it in each frame as they stand there, and nothing of the camera itself depends on them.
+"""Ports, panes and the medium before a camera.
+
+Windows below the camera belong to its prescription. Windows in the world are inserted in each frame, at their pose
+there; nothing else of the camera depends on them.
 """
 
 import json

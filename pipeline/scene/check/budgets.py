@@ -1,4 +1,4 @@
-"""Checks of work before it is done: prims that ask for more than `limits` allow, and builds that take hours."""
+"""Checks of the work that a stage asks for: prims beyond `limits`, and builds of hours."""
 
 import math
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Numbers that change with time: at which times they bend and end, and between which values they lie.
+"""Attributes that change with time: the times of their knots, bends and ends, and the range of their values.
 
 A spline, USD's animation curve, has knots with straight, curved or level pieces between them, and no time samples. All
 times are those of the stage, after the offsets of layers.

@@ -1,7 +1,7 @@
 """The same stage with other numbers: overrides are values of properties that count instead of those of its files.
 
-A step of a derivative, the errors of a camera as built, and what a camera is at one time code are overrides. A stage
-with them is a stage of its own, above the same files, so no reader has to know of any.
+A step of a derivative, the errors of a camera as built, and the state of a camera at one time code are overrides. A
+stage with overrides is a stage of its own above the same files, so readers need not know of them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
