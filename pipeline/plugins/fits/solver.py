@@ -28,9 +28,6 @@ _CREEP = 0.1
 """Decrease of chi squared by a damped step that is none [1]: a tenth of what one row of noise adds."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
-_BENT = 0.03
-"""Part of a step by which rows miss what slopes foretold, below which the next one takes these again [1]: they are most
-of the time, and the last step has its own."""
 _LEAST_ROWS = 0.5
 """Part of the rows that a step has to keep [1]: a camera that loses its image fits what is left of it."""
 
@@ -102,13 +99,11 @@ def solve(
 ) -> Solution:
     """Fit numbers and poses to rows, from numbers that are moved `by` and from first poses."""
     damping, step = 0.0, 0
-    residual, slopes, is_fresh = problem.residual(by, poses), None, False
+    residual = problem.residual(by, poses)
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):
-        if slopes is None:
-            slopes, is_fresh = problem.slopes(by, poses), True
-        weight, was = _weights(residual, asked), np.isfinite(residual[:, 0])
-        reduced = _reduced(slopes, residual, weight, asked)
+        slopes, weight = problem.slopes(by, poses), _weights(residual, asked)
+        reduced, was = _reduced(slopes, residual, weight, asked), np.isfinite(residual[:, 0])
         tell(f"step {step}: chi squared {_cost(residual, was, by, asked):.6g} of {2 * was.sum()} coordinates")
         for _ in range(_TRIES):
             by_step = _step(reduced, by, damping, asked)
@@ -123,20 +118,17 @@ def solve(
             ending = "no step made the misfit smaller"
             break
         change = slopes.by_number @ by_step + np.einsum("nij,nj->ni", slopes.by_pose, pose_steps[asked.view])
-        missed = np.linalg.norm(((there - residual - change) / asked.sigma_px[:, None])[both])
         way = np.linalg.norm((change / asked.sigma_px[:, None])[both])
         by, poses, residual = by + by_step, moved(poses, pose_steps), there
-        if damping == 0 and way < SETTLED and is_fresh:
+        if damping == 0 and way < SETTLED:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
         if damping and before - after < _CREEP:
             ending = "rows hardly tell which way: free less, or give numbers tolerances"
             break
-        is_fresh = False
-        if missed > _BENT * way or way < SETTLED:
-            slopes = None
         damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0
-    slopes = problem.slopes(by, poses) if slopes is None else slopes
+    if not converged:
+        slopes = problem.slopes(by, poses)
     return _solution(slopes, asked, (by, poses, residual), (step, ending, converged))
 
 
