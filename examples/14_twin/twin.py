@@ -1,0 +1,101 @@
+"""A camera drawn by tolerances plays the real one: its images are detected, and its twin is fitted from the drawings.
+
+    python examples/14_twin/twin.py [FOLDER]
+
+FOLDER, by default build/14_twin, gets real.usda, corners.csv, fitted.usda, fitted.json and both builds.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+import pipeline
+from pipeline.files.exr import read_exr
+from pipeline.files.tables import write_table
+from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.observations import Stated
+from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.plugins.fits.twin_page import page
+from pipeline.scene.tolerances import drawn
+
+STAGE = Path(__file__).resolve().parent / "dataset.usda"
+COLUMNS, ROWS = 7, 4
+SIGMA_PX = 0.045
+"""Error of corners that leaves a chi squared as it should be."""
+SHOWN, TIMES = 6, 5.0
+"""Frame of the picture, and how many times darker and lighter differences are than they are."""
+HALF_WINDOW_PX = 5
+"""Half the window in which a corner is looked for: a third of a square."""
+
+
+def main() -> None:
+    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "build/14_twin")
+    folder.mkdir(parents=True, exist_ok=True)
+    real, fitted = folder / "real.usda", folder / "fitted.usda"
+    text, errors = drawn(STAGE, 1, real)
+    real.write_text(text, encoding="utf-8")
+    built(real, folder / "real")
+    detect(folder / "real", folder / "corners.csv")
+    for old in (fitted, fitted.with_suffix(".json")):
+        old.unlink(missing_ok=True)
+    twin = calibrate(FreeStage(STAGE, ["Made"]), folder / "corners.csv", Stated(), tell=print)
+    twin.write(fitted)
+    print("\n".join(page(twin)))
+    recovered(twin, {error.name: error.error for error in errors})
+    built(fitted, folder / "fitted")
+    compare(folder / "real", folder / "fitted")
+
+
+def built(stage: Path, out: Path) -> None:
+    """Build a layer; it may read what the example may."""
+    command = [sys.executable, "-m", "pipeline", "build", str(stage), "-o", str(out), "--no-report"]
+    subprocess.run([*command, "--allow-root", str(STAGE.parent)], check=True)
+
+
+def detect(out: Path, file: Path) -> None:
+    """Find corners in the images of a build, as one would in photographs; nothing of its truth is read."""
+    columns: dict[str, list] = {name: [] for name in ("frame", "point_id", "x_px", "y_px")}
+    for view in pipeline.open_output(out).cameras["Rig.Camera"].views:
+        light = read_exr(view.image_path)["image"].channels["Y"]
+        image = np.rint(np.clip(light / light.max(), 0, 1) * 255).astype(np.uint8)
+        found, corners = cv2.findChessboardCornersSB(image, (COLUMNS, ROWS), flags=cv2.CALIB_CB_ACCURACY)
+        if not found:
+            print(f"frame {view.frame}: no board is found")
+            continue
+        window = (HALF_WINDOW_PX, HALF_WINDOW_PX)
+        sharp = cv2.cornerSubPix(image, corners, window, (-1, -1), (cv2.TERM_CRITERIA_EPS, 100, 1e-4))
+        sharp = sharp.reshape(-1, 2)[::-1]  # OpenCV begins at the end of this board where its first corner is not
+        columns["frame"] += [view.frame] * len(sharp)
+        columns["point_id"] += range(len(sharp))
+        columns["x_px"] += sharp[:, 0].astype(float).tolist()
+        columns["y_px"] += sharp[:, 1].astype(float).tolist()
+    columns["sigma_px"] = [SIGMA_PX] * len(columns["frame"])
+    write_table(file, ["corners of OpenCV's detector", "pixel_origin: 0", "position: exact"], columns)
+
+
+def recovered(twin: Twin, errors: dict[str, float]) -> None:
+    """Print what was planted beside what was found."""
+    print(f"\n{'number':44} {'drawn':>10} {'found':>10} {'deviation':>10}")
+    for number, by, deviation in zip(twin.stage.numbers, twin.solution.by, twin.solution.deviation, strict=True):
+        print(f"{number.name[-44:]:44} {errors[number.name]:10.4g} {by:10.4g} {deviation:10.3g}")
+
+
+def compare(real: Path, fitted: Path) -> None:
+    """Print how far exact rows of the twin are from those of the real camera: points it was never told."""
+    ours, theirs = (pipeline.open_output(out).cameras["Rig.Camera"].correspondences for out in (fitted, real))
+    rows = {(row.frame, row.point_id): (row.x_px, row.y_px) for row in theirs}
+    off = [np.subtract((row.x_px, row.y_px), rows[row.frame, row.point_id]) for row in ours]
+    rms_px = np.sqrt(np.mean(np.sum(np.square(off), axis=1)))
+    print(f"rows of the twin are {rms_px:.4f} px rms off those of the real camera")
+    place = f"frames/{SHOWN:04d}/Rig.Camera/image.exr"
+    theirs, ours = (read_exr(out / place)["image"].channels["Y"] for out in (real, fitted))
+    apart = 0.5 + TIMES * (ours - theirs)
+    picture = np.concatenate([theirs, apart], axis=1)[::2, ::2]
+    cv2.imwrite(str(real.parent / "picture.png"), np.rint(255 * np.clip(picture, 0, 1)).astype(np.uint8))
+
+
+if __name__ == "__main__":
+    main()
