@@ -186,7 +186,9 @@ class _Build:
         return run(
             self.graph if before else self.before,
             self.store,
-            dataclasses.replace(self.options, force=tuple(force)),
+            dataclasses.replace(
+                self.options, force=tuple(force), keep_going=self.options.keep_going or before is not None
+            ),
             engine=self.engine(self.store, self.graph.packages) if self.engine and not before else None,
             caller=dataclasses.replace(self.caller, peaks=peaks, places=self.project.places, folder=out),
             before=before,
