@@ -199,10 +199,14 @@ def _npz(path: Path, stated: Stated) -> Observations:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
     words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
     origin, position = _settled(path, stated, tuple(words))
-    image = np.asarray(arrays["image_points"], float)
-    image = image.reshape(len(image), -1, 2)
-    count = image.shape[1]
-    board = np.asarray(arrays["object_points"], float).reshape(-1, count, 3)
+    try:
+        image = np.asarray(arrays["image_points"], float)
+        image = image.reshape(len(image), -1, 2)
+        count = image.shape[1]
+        board = np.asarray(arrays["object_points"], float).reshape(-1, count, 3)
+    except (ValueError, TypeError):
+        shapes = ", ".join(f"{name} {arrays[name].shape}" for name in ("image_points", "object_points"))
+        raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint="(f, n, 2) and (n, 3)") from None
     ids = np.asarray(arrays.get("ids", np.arange(count)), int).ravel()
     frames = np.asarray(arrays.get("frames", np.arange(1, len(image) + 1)), int).ravel()
     if len(ids) != count or len(frames) != len(image) or not (board == board[:1]).all():
@@ -230,7 +234,11 @@ def _vnl(path: Path, stated: Stated) -> Observations:
     """
     origin, position = _settled(path, stated, _FROM_ZERO)
     rows, count = list[tuple[str, int, int, float, float, float]](), dict[str, int]()
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
+    try:
+        text = path.read_bytes().decode()
+    except UnicodeDecodeError as error:
+        raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
+    for number, line in enumerate(text.splitlines(), 1):
         cells = line.split("#")[0].split()
         if not cells:
             continue

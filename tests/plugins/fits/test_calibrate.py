@@ -14,6 +14,7 @@ from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
+from pipeline.files.damaged import DamagedFile
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
 from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, placed, points_of
@@ -251,6 +252,12 @@ def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(t
         assert (found.frame == plain.frame).all() and (found.point_id == plain.point_id).all()
         np.testing.assert_allclose(found.x_px, plain.x_px, rtol=0, atol=1e-9)
         assert (found.sigma_px == sigma_px).all()
+    np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points[:5]})
+    with pytest.raises(UsageError, match="arrays that do not fit together"):
+        calibrate(narrow, tmp_path / "seen.npz", stated)
+    (tmp_path / "bytes.vnl").write_bytes(b"\xff\xfe")
+    with pytest.raises(DamagedFile):
+        calibrate(narrow, tmp_path / "bytes.vnl", replace(stated, pixel_origin=None))
     np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points * 1.2})
     with pytest.raises(UsageError, match=r"points 1\.8 mm apart, that of the stage 1\.5 mm"):
         calibrate(narrow, tmp_path / "seen.npz", stated)
