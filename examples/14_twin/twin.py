@@ -73,7 +73,7 @@ def detect(out: Path, file: Path) -> None:
         columns["x_px"] += sharp[:, 0].astype(float).tolist()
         columns["y_px"] += sharp[:, 1].astype(float).tolist()
     columns["sigma_px"] = [SIGMA_PX] * len(columns["frame"])
-    write_table(file, ["corners of OpenCV's detector", "pixel_origin: 0", "position: exact"], columns)
+    write_table(file, ["corners of OpenCV's detector", "pixel_origin: 0", "position: saddle"], columns)
 
 
 def recovered(twin: Twin, errors: dict[str, float]) -> None:

@@ -81,12 +81,12 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
                 raise _nothing_meant(project, target, path) from None
         else:
             wanted = set(tasks)
-            return [name for name in project.files if _maker(project, name) in wanted], tasks
-    made_by = dict.fromkeys(_maker(project, name) for name in files)
+            return [name for name in project.files if maker_of(project, name) in wanted], tasks
+    made_by = dict.fromkeys(maker_of(project, name) for name in files)
     return files, [name for name in made_by if name is not None]
 
 
-def _maker(project: Project, file: str) -> str | None:
+def maker_of(project: Project, file: str) -> str | None:
     """The task that makes a file; None if it is written from the stage itself."""
     source = project.files[file]
     return None if isinstance(source, bytes) else source[0]

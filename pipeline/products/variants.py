@@ -10,7 +10,7 @@ from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera
 from pipeline.engine.options import BuildOptions
 from pipeline.engine.planning.graph import Task, TaskGraph
-from pipeline.engine.project import Project
+from pipeline.engine.project import Project, maker_of
 from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 from pipeline.formats import Reads, format_of
@@ -75,7 +75,8 @@ def without_pictures(project: Project) -> Project:
     files = {
         path: source
         for path, source in project.files.items()
-        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES)) and source[0] not in left_out
+        if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES))
+        and maker_of(project, path) not in left_out
     }
     sources = [source for source in files.values() if not isinstance(source, bytes)]
     named = {task for task, _ in (*sources, *(part for of in project.findings.values() for part in of.values()))}

@@ -25,7 +25,7 @@ from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.planning.forecast import Assumed, Forecast, Past, Size, forecast
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import PlannedTask, Specs, plan
-from pipeline.engine.project import Project, files_of, selection
+from pipeline.engine.project import Project, files_of, maker_of, selection
 from pipeline.engine.records import Record, Reply, Spec, TaskResult, as_json
 from pipeline.engine.running.driver import Outcome, run
 from pipeline.engine.running.engines import Engine
@@ -205,7 +205,7 @@ class _Build:
         if not complete:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_complete:
-            files = {path: source for path, source in project.files.items() if source[0] not in missing}
+            files = {path: source for path, source in project.files.items() if maker_of(project, path) not in missing}
             for fact, places in project.findings.items():
                 blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in places.items()}
                 contents = {name: json.loads(self.store.read(blob.sha256)) for name, blob in blobs.items()}

@@ -22,9 +22,7 @@ POSITIONS = ("exact", "saddle", "centroid", "chief")
 dot's, and that of the chief ray."""
 ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
 """Name -> number of the centre of the top-left pixel [px]."""
-CENTRES = ("chief", "centroid")
-"""Kinds of centres of micro-images: where the chief ray of a microlens ends, and the centroid of its light."""
-_STATED = re.compile(r"\s*(pixel_origin|position|centres)\s*[:=]\s*(\S+)")
+_STATED = re.compile(r"\s*(pixel_origin|position)\s*[:=]\s*(\S+)")
 _LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
 _CORNER = [*_LIBPLENO, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_LIBPLENO, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]

@@ -71,7 +71,7 @@ def test_a_flip_of_a_convention_is_noticed(output, scene, name, field, other, tm
 
 @pytest.mark.parametrize(("scene", "name"), REFUSED, indirect=["scene"])
 def test_arrays_that_a_format_does_not_know_are_refused(output, scene, name, tmp_path):
-    with pytest.raises(ExportError, match=r"knows .*rows"):
+    with pytest.raises(ExportError, match=r"supports only .*rows"):
         export(output, [name], tmp_path)
 
 

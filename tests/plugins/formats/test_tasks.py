@@ -198,7 +198,7 @@ def test_an_export_that_fails_is_named_and_loses_only_itself(laboratory, tmp_pat
     laboratory(f"import os\n{broken}")
     monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
     monkeypatch.setenv("NO_INK", "1")
-    out, text = tmp_path / "out", stage_text("conventional", ["npz", "corner-table"])
+    out, text = tmp_path / "out", stage_text("conventional", ["npz", "corner-table"], **NOISY)
 
     def built(text: str, **options) -> Result:
         (tmp_path / "stage.usda").write_text(text)
