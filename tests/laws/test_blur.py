@@ -115,7 +115,7 @@ def test_the_radius_of_the_blur_is_as_exact_as_the_position_where_a_rim_begins_t
 
 def test_so_it_is_for_rows_of_position_images_whatever_derivative_their_grid_has(rig, planes, rows):
     skewed = replace(rows.solutions, jacobian=rows.solutions.jacobian @ np.array([[1.1, 0.1], [0.0, 0.9]]))
-    searched = replace(rows, solutions=skewed, method=np.full(len(planes), "two-plane"))
+    searched = replace(rows, solutions=skewed)
     check(with_own_bundles(rig, searched, planes, 0.05), rig, planes)
 
 

@@ -144,9 +144,9 @@ def scattered(folder: Path, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     return np.array(errors), chi, expected
 
 
-@pytest.mark.parametrize("seeds", [3, pytest.param(100, marks=pytest.mark.heavy)])
-def test_numbers_scatter_by_the_stated_covariance_and_so_does_chi_squared(tmp_path, seeds):
-    errors, chi, expected = scattered(tmp_path, seeds)
+@pytest.mark.heavy
+def test_numbers_scatter_by_the_stated_covariance_and_so_does_chi_squared(tmp_path):
+    errors, chi, expected = scattered(tmp_path, seeds=100)
     for sum_of_squares, count in ((errors**2).sum(), errors.size), (chi.sum(), expected.sum()):
         assert chi2.ppf(1e-4, count) < sum_of_squares < chi2.ppf(1 - 1e-4, count)
 
@@ -210,6 +210,7 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.untold)
 
 
+@pytest.mark.heavy
 def test_a_few_wrong_positions_are_named_and_a_robust_loss_bears_them(tmp_path, wide):
     exact = seen(wide, OFF, 0.05, seed=2)
     x_px = exact.x_px.copy()
