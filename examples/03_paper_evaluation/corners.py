@@ -82,7 +82,7 @@ class Corners:
 
     def judged(self, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
         """What random rays move the positions by, and their own standard error, (n, 2) each."""
-        rows = Rows(Exposed.still(self.plane), self.cell, self.x_px, np.ones(len(self), bool))
+        rows = Rows(Exposed.still(self.plane), self.cell, self.x_px, is_direct=True)
         return differences(self.rig, rows, claim_px)[:2]
 
 

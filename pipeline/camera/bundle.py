@@ -28,7 +28,7 @@ class Bundle:
 
     - `origin_mm`, `direction`: a point of each ray on the front surface of the lens, and its unit direction.
     - `weight_sr`: contribution to the integral of cos(theta) d omega at the sensor; of a camera that weighs area in
-    mm^2.
+      mm^2.
     """
 
     origin_mm: Float64[np.ndarray, "n 3"]
