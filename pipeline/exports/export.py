@@ -80,7 +80,7 @@ def write_export(output: Output, name: str, folder: Path, request: Request) -> N
 
 
 def _materials(output: Output, wishes: Iterable[Request]) -> dict[Request, Material]:
-    """What each of the wishes is written from."""
+    """The material from which each request is written."""
     # They share cameras, but not with another call: the folder may have been built again
     sight = lru_cache(maxsize=4)(partial(sight_of, output.path))
     scene = lru_cache(maxsize=1)(partial(scene_of, output.path))

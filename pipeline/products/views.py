@@ -1,4 +1,4 @@
-"""What is before a camera in a frame, as parameters of several products have it."""
+"""Parameters for the targets and occluders before a camera in a frame, which several products share."""
 
 from dataclasses import dataclass
 

@@ -286,7 +286,7 @@ def _first_white(inputs: Inputs) -> np.ndarray:
 def _image_replicas(
     params: Image, inputs: Inputs, number: int, kept: np.ndarray | None, scenes_at: ScenesAt
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a pass samples, and the colours of the rest, as `image_first` has them; `kept` are known colours."""
+    """Samples of a pass, and colours of all other pixels, as in `image_first`; `kept` are colours of earlier passes."""
     rows, shutter = params.rows, params.shutter
     assert rows is not None  # passes are over strips
     rig, white, parts = imaged_rig(inputs, params.exposure), _first_white(inputs), []

@@ -56,7 +56,7 @@ class SceneReader(Protocol):
     def world_from_lamp(self, prim: Usd.Prim, times: Sequence[float], unit_mm: float, /) -> np.ndarray: ...
 
     def read_finish(self, prim: Usd.Prim, frame: int | None = None, /) -> Any:
-        """What a shape of a lit stage is made of."""
+        """The finish of a shape of a lit stage, as a record of the plug-in."""
         ...
 
     def named_by(self, prim: Usd.Prim, /) -> list[tuple[Usd.Attribute, str]]:
