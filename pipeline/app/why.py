@@ -1,35 +1,27 @@
 """The edits of a stage behind the reasons of a plan, which name parameters of tasks.
 
-Readers note from which properties they take the values of each part of a dataset, and the name of a parameter says of
-which part it is made. The edits of these properties are behind it: the one with just its old and new value if there is
-one, else, for a derived number, all of them that no other parameter shows.
+Readers note from which properties they take the values of each part of a dataset, and annotations in the records of
+parameters name the part of which a field is made; all others are made of cameras. The edits of these properties are
+behind a reason: the one with just its old and new value if there is one, else, for a derived number, all of them that
+no other parameter shows.
 """
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from pipeline.edits import Edit
 from pipeline.engine.planning.plan import PlannedTask, Reason, ReasonType
 from pipeline.engine.project import Project
-from pipeline.products.graph import frame_of
+from pipeline.products.certificate.params import JudgedFrame
+from pipeline.products.poses.params import PosedFrame, RigFrame
+from pipeline.records.declared import attributes_of
+from pipeline.records.plain import from_plain
 from pipeline.scene.edits import edits_between, is_below
-
-_PARTS = {
-    "targets": {"targets", "target", "colours", "coats", "points", "points_mm"},
-    "occluders": {"occluders", "finishes"},
-    "lamps": {"lamps"},
-}
-"""Names in parameters of tasks, by the part of a dataset that they are made of; all others are of cameras."""
-_POSE = re.compile(r"\w+_from_\w+|frames\[\d+\]\.targets\.|points_mm|\.motion\b|\.at_lines\.")
-"""Parameters that are made of poses."""
-_MOTION = re.compile(r"\.(?:motion|at_lines)\b")
-"""Those that are made of poses of other frames, too, and of the camera's shutter."""
-_TARGET = re.compile(r"\b(?:targets|at_lines)(?:\[(\d+)\]|\.(\w+))")
-"""The target of a parameter, by number or by name."""
 
 
 def with_edits(
@@ -58,22 +50,23 @@ class _Since:
         edits = edits_between(source["written"], project.source["written"], path)
         before, now = source["read"], project.source["read"]
         self._graph = project.graph
-        self._targets = [part.removeprefix("targets/") for part in now if part.startswith("targets/")]
+        targets = [part for part in now if part.startswith("targets/")]
+        self._numbered = {f"targets/{number}": part for number, part in enumerate(targets)}
         self._edits = {
             part: [edit for edit in edits if _is_read(edit.at, {*before.get(part, ()), *now.get(part, ())})]
             for part in before | now
         }
         reasons = [(task, reason) for task in tasks for reason in task.reasons if _is_open(reason)]
         self._of_parts = cache(self._collected)  # thousands of reasons are about the same parts
+        self._made_of = cache(self._noted)
         self._shown = {id(edit) for task, reason in reasons for edit in self._showing(task, reason)}
 
     def behind(self, task: PlannedTask, reason: Reason) -> tuple[Edit, ...]:
         """The edits behind a reason; none if it is not about the stage."""
         if not _is_open(reason):
             return ()
-        edits = next(filter(None, self._candidates(task, reason)), None) or self._of_parts(
-            "", frame=frame_of(self._graph[task.name], reason.field)
-        )
+        frame, _ = self._made_of(task.name, reason.field or "")
+        edits = next(filter(None, self._candidates(task, reason)), None) or self._of_parts("", frame=frame)
         derived = [edit for edit in edits if id(edit) not in self._shown]
         return tuple(self._showing(task, reason) or derived or edits)
 
@@ -88,23 +81,36 @@ class _Since:
 
     def _candidates(self, task: PlannedTask, reason: Reason) -> Iterator[list[Edit]]:
         """Edits of what the parameter of a reason, or the task, is made of, and those of the dataset itself."""
-        field = reason.field or ""
-        frame, words = frame_of(self._graph[task.name], field), set(re.findall(r"[a-z_]+", field))
-        parts = [kind for kind, names in _PARTS.items() if words & names]
-        pose, owners = "poses/" if _POSE.search(field) else "", list[str]()
-        is_motion = bool(_MOTION.search(field))
-        if match := _TARGET.search(field):
-            number, name = match.groups()
-            parts = [f"targets/{name or self._targets[int(number)]}"]
+        frame, notes = self._made_of(task.name, reason.field or "")
+        is_motion, parts, owners = "motions" in notes, sorted(notes - {"poses", "motions"}), list[str]()
+        pose = "poses/" if is_motion or "poses" in notes else ""
         if pose or not parts:
             owner = (*task.name.split("@")[0].split("/"), "")[1]
             owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits]
             parts += owners or ["cameras"]
         yield self._of_parts(*(pose + part for part in parts), frame=None if is_motion else frame)
-        if is_motion:
+        if is_motion:  # it is made of poses of other frames, too, and of the camera's shutter
             yield self._of_parts(*owners, frame=None)
         if not pose:
             yield self._of_parts(f"{task.kind}s", "dataset", frame=frame)
+
+    def _noted(self, name: str, field: str) -> tuple[int | None, set[str]]:
+        """The frame to which a task, or a field of its parameters, belongs, and the parts of which it is made."""
+        task, (start, *steps) = self._graph[name], re.findall(r"\w+", field) or [""]
+        number = name.split("/")[2 : None if task.short_kind == task.product else -1]  # a tile has its own at the end
+        frame, notes = int(number[0]) if number and number[0].isdigit() else None, set[str]()
+        value: Any = from_plain(task.record, task.params) if task.record and start == "params" else None
+        for step, following in pairwise([*steps, ""]):
+            if is_dataclass(value):
+                note = attributes_of(type(value)).get(step, "").replace("*", following)
+                notes |= {part.removesuffix("/") for part in note.split()}
+                frame = value.number if isinstance(value, JudgedFrame | PosedFrame | RigFrame) else frame
+                value = getattr(value, step, None)
+            elif isinstance(value, list | tuple):
+                value = value[int(step)]
+            else:
+                value = value.get(step) if isinstance(value, dict) else None
+        return frame, {self._numbered.get(note, note) for note in notes}
 
     def _collected(self, *parts: str, frame: int | None) -> list[Edit]:
         """Edits of some parts at a frame; "" has all of them."""

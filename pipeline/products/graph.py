@@ -4,11 +4,10 @@ Params hold exactly what a task reads, in the camera's own frame, so that moving
 appear only in the params of tasks that write them.
 """
 
-import re
 from typing import Any, NamedTuple
 
 from pipeline.engine.output.deliver import Source
-from pipeline.engine.planning.graph import Task, TaskGraph
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.entry_points import plugged_in
 from pipeline.products.camera.plan import plan_cameras
 from pipeline.products.certificate.plan import plan_certificates
@@ -76,13 +75,3 @@ def _scenes(dataset: Dataset) -> Any:
     """The plug-in with the tasks of lamps, pictures and labels; None: the dataset has none of these."""
     has_labels = any(camera.labels for camera in dataset.cameras)
     return plugged_in("scene", "tasks") if _is_lit(dataset) or dataset.pictures or has_labels else None
-
-
-def frame_of(task: Task, field: str | None) -> int | None:
-    """Number of the frame to which a task, or a field of its parameters, belongs; None if it belongs to all."""
-    kinds = ("image", "labels", "truth", "derivatives", "positions", "colour_image", "expose")
-    parts = task.name.split("/")
-    if task.product in kinds and len(parts) > 2 and parts[2].isdigit():  # white images belong to no frame
-        return int(parts[2])
-    match = re.match(r"params\.frames\[(\d+)\]", field or "")
-    return int(task.params["frames"][int(match[1])]["number"]) if match else None

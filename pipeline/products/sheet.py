@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -27,7 +27,7 @@ _EDGE_PX = 1024
 class Sheet:
     """A target whose pattern viewers show."""
 
-    target: Json
+    target: Annotated[Json, "targets"]
 
 
 def plan_targets(draft: "Draft") -> None:

@@ -1,13 +1,20 @@
-"""Parameters for the targets and occluders before a camera in a frame, which several products share."""
+"""Parameters for the targets and occluders before a camera in a frame, which several products share.
+
+An annotation names the part of a dataset of which a field is made, as its readers note it, for `app.why`; `*` stands
+for the index or the key that follows.
+"""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.files.jsonfile import Json
 from pipeline.motion import Motion
 from pipeline.render.spectral.prints import Colours
 
-Matrix = list[list[float]]
+Matrix = Annotated[list[list[float]], "poses"]
 """A transform a_from_b, row by row, (4, 4) [mm]."""
+Moving = Annotated[Motion | None, "motions"]
+"""What changes while a shutter is open; None: nothing does."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +26,7 @@ class PlacedTarget:
     name: str
     target: Json
     vision_from_target: Matrix
-    motion: Motion | None = None
+    motion: Moving = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,15 +35,15 @@ class PlacedOccluder:
 
     occluder: Json
     vision_from_occluder: Matrix
-    motion: Motion | None = None
+    motion: Moving = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlacedView:
     """Everything in a frame, in the vision frame of a camera."""
 
-    targets: tuple[PlacedTarget, ...]
-    occluders: tuple[PlacedOccluder, ...]
+    targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
+    occluders: Annotated[tuple[PlacedOccluder, ...], "occluders"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,4 +53,4 @@ class PaintedView(PlacedView):
     """
 
     background: float
-    colours: tuple[Colours, ...] = ()
+    colours: Annotated[tuple[Colours, ...], "targets/*"] = ()

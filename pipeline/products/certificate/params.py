@@ -1,6 +1,7 @@
 """Parameters of certificates."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.motion import Shutter
 from pipeline.products.views import PlacedTarget
@@ -9,7 +10,7 @@ from pipeline.products.views import PlacedTarget
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedFrame:
     number: int
-    targets: tuple[PlacedTarget, ...]
+    targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,6 +1,7 @@
 """Parameters of derivatives of rows."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.motion import Shutter
 from pipeline.products.views import PlacedTarget
@@ -10,7 +11,7 @@ from pipeline.products.views import PlacedTarget
 class SeenTargets:
     """Targets before a camera in a frame, and its shutter where some move while it is open."""
 
-    targets: tuple[PlacedTarget, ...]
+    targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
     shutter: Shutter | None
 
 

@@ -1,6 +1,7 @@
 """Parameters of poses and baselines."""
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 from pipeline.products.views import Matrix
 
@@ -22,8 +23,8 @@ class PosedFrame:
 
     number: int
     camera_from_world: Matrix
-    targets: dict[str, Matrix]
-    at_lines: dict[str, tuple[Matrix, ...]] = field(default_factory=dict)
+    targets: Annotated[dict[str, Matrix], "poses targets/*"]
+    at_lines: Annotated[dict[str, tuple[Matrix, ...]], "motions targets/*"] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +40,7 @@ class RigFrame:
     """camera_from_world of all cameras in a frame, in the order of their names; None of a camera that is not in it."""
 
     number: int
-    camera_from_world: tuple[Matrix | None, ...]
+    camera_from_world: Annotated[tuple[Matrix | None, ...], "poses"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

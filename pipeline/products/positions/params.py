@@ -1,6 +1,7 @@
 """Parameters of position images."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.camera.parts.camera import Sampling
 from pipeline.products.light import BundleLight
@@ -13,7 +14,7 @@ class PlaneAsked:
 
     name: str
     vision_from_target: Matrix
-    points_mm: list[list[float]]
+    points_mm: Annotated[list[list[float]], "poses targets"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

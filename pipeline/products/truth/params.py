@@ -1,6 +1,7 @@
 """Parameters of tables of correspondences."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from pipeline.motion import Shutter
 from pipeline.products.light import BundleLight, ChannelLabel
@@ -30,5 +31,5 @@ class Truth:
     table: TruthTable
     view: PlacedView | None
     square_px: float
-    points: dict[str, tuple[int, int]] | None = None
+    points: Annotated[dict[str, tuple[int, int]] | None, "targets/*"] = None
     tiles: int = 0

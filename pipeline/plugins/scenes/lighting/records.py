@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 from pipeline.motion import Motion
 from pipeline.records.plain import ByContent
@@ -122,15 +122,15 @@ class PlacedLamp:
     """A lamp in a frame; the transform is a rotation and a translation [mm]. It may move before an open shutter."""
 
     lamp: dict[str, Any]
-    vision_from_lamp: list[list[float]]
-    motion: Motion | None = None
+    vision_from_lamp: Annotated[list[list[float]], "poses"]
+    motion: Annotated[Motion | None, "motions"] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
     """The parts of a lit view besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder."""
 
-    lamps: tuple[PlacedLamp, ...]
-    coats: tuple[Coat | None, ...] = ()
-    finishes: tuple[dict[str, Any], ...] = ()
+    lamps: Annotated[tuple[PlacedLamp, ...], "lamps"]
+    coats: Annotated[tuple[Coat | None, ...], "targets/*"] = ()
+    finishes: Annotated[tuple[dict[str, Any], ...], "occluders"] = ()
     bounces: int = 2  # reflections of a path beyond the surface that the camera sees and direct light reaches

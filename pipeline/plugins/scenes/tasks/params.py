@@ -4,14 +4,14 @@
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pipeline.camera.parts.spectrum import Slices
-from pipeline.motion import Motion, Shutter
+from pipeline.motion import Shutter
 from pipeline.plugins.scenes.lighting.records import Lighting
 from pipeline.products.images.params import SECONDS_PER_MET, Image
 from pipeline.products.light import Exposure
-from pipeline.products.views import Matrix, PaintedView, PlacedOccluder, PlacedTarget
+from pipeline.products.views import Matrix, Moving, PaintedView, PlacedOccluder, PlacedTarget
 
 _SECONDS_PER_SURFACE = 6e-7
 """Processor time of a ray of a lit image for each surface that it meets [s]: with two reflections rays took 2.5 µs in
@@ -79,8 +79,8 @@ class Channels:
 class NextFrame:
     """All targets and occluders in the next frame, None: it is not there; and the shutter before which some move."""
 
-    targets: tuple[PlacedTarget, ...]
-    occluders: tuple[PlacedOccluder | None, ...]
+    targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
+    occluders: Annotated[tuple[PlacedOccluder | None, ...], "occluders"]
     shutter: Shutter | None
 
 
@@ -101,7 +101,7 @@ class LabelsTile:
     later: NextFrame | None = None
     rows: tuple[int, int] = (0, 0)
     shutter: Shutter | None = None
-    camera_motion: Motion | None = None
+    camera_motion: Moving = None
 
     @property
     def seconds_per_ray(self) -> float:
