@@ -70,7 +70,7 @@ def fit(path: Path, file: Path) -> None:
     off = np.array([number.deviation / 2 for number in stage.numbers])
     rows = observe(stage, off, file)
     began = time.process_time()
-    twin = calibrate(stage, file, Stated())
+    twin = calibrate(stage, [file], Stated())
     spent_s = time.process_time() - began
     pulls = np.abs(twin.solution.by - off) / twin.solution.deviation
     print(f"{path.stem}: {rows} positions, {len(twin.views.keys)} boards, {len(off)} numbers: {spent_s:.1f} CPU s")

@@ -41,7 +41,7 @@ def main() -> None:
     detect(folder / "real", folder / "corners.csv")
     for old in (fitted, fitted.with_suffix(".json")):
         old.unlink(missing_ok=True)
-    twin = calibrate(FreeStage(STAGE, ["Made"]), folder / "corners.csv", Stated(), tell=print)
+    twin = calibrate(FreeStage(STAGE, ["Made"]), [folder / "corners.csv"], Stated(), tell=print)
     twin.write(fitted)
     print("\n".join(page(twin)))
     recovered(twin, {error.name: error.error for error in errors})

@@ -14,7 +14,7 @@ from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
 from pipeline.camera.rig import Rig
 from pipeline.errors import UsageError
 from pipeline.frames import apply, inverse, rigid
-from pipeline.plugins.fits.predicted_rows import Predictor, points_of
+from pipeline.plugins.fits.predicted_rows import Predictor, points_of, rig_of
 from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.scene.dataset import CameraEntry, Dataset
@@ -49,7 +49,7 @@ def first_poses(predictor: Predictor, dataset: Dataset) -> np.ndarray:
         board, ids = of.position_mm[found.point_id[rows]], found.point_id[rows]
         if len(np.unique(ids)) < _LEAST_POINTS:
             raise UsageError(f"{where} has {len(np.unique(ids))} points", hint=f"a pose needs {_LEAST_POINTS}")
-        rig = predictor.rig(dataset, entry)
+        rig = rig_of(dataset, entry)
         rays = _rays(rig, entry, found.x_px[rows])
         if rays.microlens is not None and found.microlens is not None:
             rays.direction[(rays.microlens != found.microlens[rows]).any(axis=1)] = np.nan  # those of a neighbour

@@ -1,15 +1,15 @@
 """Image positions that a detector found, from files of several programs, in our conventions.
 
-No file says by itself what number the centre of the top-left pixel has, or which position of a corner a detector looks
-for: both are stated, in the file or beside it, and never guessed.
+No file says by itself what number the centre of the top-left pixel has, or which position a detector looks for, of a
+corner or of a micro-image: both are stated, in the file or beside it, and never guessed.
 """
 
 import gzip
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -20,16 +20,20 @@ from pipeline.files.tables import Table, read_table
 POSITIONS = ("exact", "saddle", "centroid", "chief")
 """Image positions that detectors may find: that of the mean of rays, the saddle of a corner's image, the centroid of a
 dot's, and that of the chief ray."""
+CENTRES = ("centroid", "chief", "none")
+"""Positions that programs call the centre of a micro-image: the centroid of its light, and the chief ray through its
+microlens. With `none`, those of a file are left out."""
+_NO_POINT = -1
+"""Frame, and number of the point, of the centre of a micro-image."""
 ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
 """Name -> number of the centre of the top-left pixel [px]."""
-_STATED = re.compile(r"\s*(pixel_origin|position)\s*[:=]\s*(\S+)")
+_STATED = re.compile(r"\s*(pixel_origin|position|centres)\s*[:=]\s*(\S+)")
+_MICROLENS = ("microlens_k", "microlens_l")
 _LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
 _CORNER = [*_LIBPLENO, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_LIBPLENO, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
 _FROM_ZERO = ("pixel_origin: 0",)
 """Remark that files imply whose format says what pixels count from."""
-_SAME_SIZE = 1e-4
-"""Difference of distances on a board above which it is another one, over the largest distance [1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,16 +45,19 @@ class Stated:
 
     pixel_origin: str | None = None
     position: str | None = None
+    centres: str | None = None
     sigma_px: float | None = None
     camera: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observations:
-    """Image positions of points of targets, a row each; (0, 0) is the centre of the top-left pixel.
+    """Image positions of points of targets and centres of micro-images, a row each; (0, 0) is the centre of the
+    top-left pixel.
 
-    `target` is empty where a file names none. `microlens`: k and l, or None where positions say which one it is.
-    `board_mm`: points of the board by id, as the program had them.
+    `target` is empty where a file names none. `position`: one of `POSITIONS`, or for a centre of `CENTRES`.
+    `microlens`: k and l, or None where positions say which one it is. `board_mm`: points of the board by id, as the
+    program had them.
     """
 
     camera: np.ndarray
@@ -59,7 +66,8 @@ class Observations:
     point_id: np.ndarray
     x_px: np.ndarray  # (n, 2)
     sigma_px: np.ndarray
-    position: str
+    position: np.ndarray
+    is_centre: np.ndarray
     microlens: np.ndarray | None = None
     board_mm: np.ndarray | None = None
 
@@ -68,9 +76,63 @@ class Observations:
 
     def only(self, kept: np.ndarray) -> Self:
         """Some of the rows."""
-        columns = ("camera", "frame", "target", "point_id", "x_px", "sigma_px")
-        some = {name: getattr(self, name)[kept] for name in columns}
-        return replace(self, **some, microlens=None if self.microlens is None else self.microlens[kept])
+        columns: dict[str, Any] = {}
+        for name in _COLUMNS:
+            column = getattr(self, name)
+            columns[name] = None if column is None else column[kept]
+        return replace(self, **columns)
+
+    @classmethod
+    def of_points(cls, *, position: str, count: int, target: np.ndarray | None = None, **columns: Any) -> Self:
+        """Positions of points, all of one kind."""
+        return cls(
+            target=np.full(count, "") if target is None else target,
+            position=np.full(count, position),
+            is_centre=np.zeros(count, bool),
+            **columns,
+        )
+
+    @classmethod
+    def of_centres(cls, *, position: str, count: int, **columns: Any) -> Self:
+        """Centres of micro-images, all of one kind."""
+        nowhere = np.full(count, _NO_POINT)
+        return cls(
+            frame=nowhere,
+            target=np.full(count, ""),
+            point_id=nowhere,
+            position=np.full(count, position),
+            is_centre=np.ones(count, bool),
+            **columns,
+        )
+
+    @property
+    def kinds(self) -> str:
+        """Positions that are observed, in words."""
+        points, centres = (np.unique(self.position[self.is_centre == flag]).tolist() for flag in (False, True))
+        return ", ".join([*points, *(f"{each} of micro-images" for each in centres)])
+
+    def name(self, row: int) -> str:
+        """One of the rows, in words."""
+        camera = self.camera[row] or "the camera"
+        if not self.is_centre[row]:
+            return f"point {self.point_id[row]} in frame {self.frame[row]} of {camera}"
+        if self.microlens is None:
+            return f"the centre of a micro-image at ({self.x_px[row, 0]:g}, {self.x_px[row, 1]:g}) px of {camera}"
+        return f"the centre of micro-image {tuple(self.microlens[row].tolist())} of {camera}"
+
+
+_COLUMNS = tuple(each.name for each in fields(Observations) if each.name != "board_mm")
+
+
+def joined(parts: Sequence[Observations], where: str) -> Observations:
+    """Observations of several files; UsageError: two of them have the same."""
+    columns: dict[str, Any] = {}
+    for name in _COLUMNS:
+        of_parts = [getattr(part, name) for part in parts]
+        columns[name] = None if of_parts[0] is None else np.concatenate(of_parts)
+    found = Observations(**columns)
+    _once(found, where)
+    return found
 
 
 def read_observations(path: Path, stated: Stated) -> Observations:
@@ -89,37 +151,36 @@ def read_observations(path: Path, stated: Stated) -> Observations:
         raise UsageError(f"{path} holds no position")
     if not (np.isfinite(found.x_px).all() and (found.sigma_px > 0).all()):
         raise UsageError(f"{path} holds positions that are no numbers, or a sigma that is not above 0")
-    _once(found, path)
+    _once(found, str(path))
     return found
 
 
-def _once(found: Observations, path: Path) -> None:
+def _once(found: Observations, where: str) -> None:
     """UsageError: a point is twice in an image, or all positions of an image are those of another."""
     microlens = np.zeros((len(found), 2), int) if found.microlens is None else found.microlens
     seen, images = dict[tuple, int](), dict[tuple, dict]()
     for row, (camera, frame, *rest) in enumerate(
         zip(found.camera, found.frame, found.target, found.point_id, *microlens.T, strict=True)
     ):
-        where = f"point {rest[1]} in frame {frame} of {camera or 'the camera'}"
         place = (*found.x_px[row],) if found.microlens is None else ()
         if seen.setdefault((camera, frame, *rest, *place), row) != row:
-            raise UsageError(f"{path} has {where} twice", hint="leave one of them out")
+            raise UsageError(f"{where} has {found.name(row)} twice", hint="leave one of them out")
         images.setdefault((camera, frame), {})[(*rest, *found.x_px[row])] = None
     first: dict[tuple, tuple] = {}
     for (camera, frame), content in images.items():
         other = first.setdefault((camera, *sorted(content)), (camera, frame))
         if other != (camera, frame):
-            what = f"{path} has the positions of frame {other[1]} again as frame {frame}"
+            what = f"{where} has the positions of frame {other[1]} again as frame {frame}"
             raise UsageError(what, hint="no two images are alike to the last digit: give each frame its own")
 
 
-def _settled(path: Path, stated: Stated, comments: tuple[str, ...]) -> tuple[float, str]:
-    """Pixel origin and position of a file, of what it says and what is said of it."""
+def _settled(path: Path, stated: Stated, comments: tuple[str, ...], *names: str) -> dict[str, str]:
+    """Words that a file has to say, of what it says and what is said of it."""
     said = {match[1]: match[2] for line in comments if (match := _STATED.match(line))}
-    given = {"pixel_origin": stated.pixel_origin, "position": stated.position}
-    allowed = {"pixel_origin": tuple(ORIGINS), "position": POSITIONS}
-    for name, value in given.items():
-        option = f"--{name.replace('_', '-')}"
+    given = {"pixel_origin": stated.pixel_origin, "position": stated.position, "centres": stated.centres}
+    allowed = {"pixel_origin": tuple(ORIGINS), "position": POSITIONS, "centres": CENTRES}
+    for name in names:
+        option, value = f"--{name.replace('_', '-')}", given[name]
         if value and said.get(name, value) != value:
             raise UsageError(
                 f"{path} says {name}: {said[name]}, and {option} says {value}", hint="one of them is wrong"
@@ -129,7 +190,7 @@ def _settled(path: Path, stated: Stated, comments: tuple[str, ...]) -> tuple[flo
             what = f"{path} says {name}: {said[name]}" if said[name] else f"{path} does not say its {name}"
             hint = f"say {option} {'|'.join(allowed[name])}, or write '# {name}: …' above the header of a table"
             raise UsageError(what, hint=hint)
-    return ORIGINS[said["pixel_origin"]], said["position"]
+    return said
 
 
 def _sigma(path: Path, stated: Stated, count: int) -> np.ndarray:
@@ -140,26 +201,27 @@ def _sigma(path: Path, stated: Stated, count: int) -> np.ndarray:
 
 
 def _csv(path: Path, stated: Stated) -> Observations:
-    """Our own table."""
+    """Our own table, of points or of centres."""
     table = read_table(path)
-    origin, position = _settled(path, stated, table.comments)
-    wanted = ("frame", "point_id", "x_px", "y_px")
+    is_of_centres = not {"frame", "point_id"} & {*table.columns}
+    kind = "centres" if is_of_centres else "position"
+    wanted = ("x_px", "y_px") if is_of_centres else ("frame", "point_id", "x_px", "y_px")
+    said = _settled(path, stated, table.comments, "pixel_origin", kind)
     if missing := [name for name in wanted if name not in table.columns]:
         raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}")
-    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - origin
-    names = ("microlens_k", "microlens_l")
-    microlens = np.stack([_whole(path, table, name) for name in names], axis=1) if _has(table, *names) else None
-    count = len(x_px)
-    return Observations(
-        camera=_texts(table, "camera", stated.camera, count),
-        frame=_whole(path, table, "frame"),
-        target=_texts(table, "target", None, count),
-        point_id=_whole(path, table, "point_id"),
-        x_px=x_px,
-        sigma_px=_column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated, count),
-        position=position,
-        microlens=microlens,
-    )
+    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
+    has_microlens, count = _has(table, *_MICROLENS), len(x_px)
+    columns = {
+        "camera": _texts(table, "camera", stated.camera, count),
+        "x_px": x_px,
+        "sigma_px": _column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated, count),
+        "microlens": np.stack([_whole(path, table, name) for name in _MICROLENS], axis=1) if has_microlens else None,
+    }
+    if is_of_centres:
+        return Observations.of_centres(position=said[kind], count=count, **columns)
+    columns |= {name: _whole(path, table, name) for name in ("frame", "point_id")}
+    target = _texts(table, "target", None, count)
+    return Observations.of_points(position=said[kind], count=count, target=target, **columns)
 
 
 def _has(table: Table, *names: str) -> bool:
@@ -196,7 +258,7 @@ def _npz(path: Path, stated: Stated) -> Observations:
     if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
     words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
-    origin, position = _settled(path, stated, tuple(words))
+    said = _settled(path, stated, tuple(words), "pixel_origin", "position")
     try:
         image = np.asarray(arrays["image_points"], float)
         image = image.reshape(len(image), -1, 2)
@@ -212,15 +274,14 @@ def _npz(path: Path, stated: Stated) -> Observations:
     frame, point = np.nonzero(np.isfinite(image).all(axis=2))
     points = np.full((ids.max() + 1, 3), np.nan)
     points[ids] = board[0]
-    texts = np.full(len(frame), stated.camera or "")
-    return Observations(
-        camera=texts,
+    return Observations.of_points(
+        position=said["position"],
+        count=len(frame),
+        camera=np.full(len(frame), stated.camera or ""),
         frame=frames[frame],
-        target=np.full(len(frame), ""),
         point_id=ids[point],
-        x_px=image[frame, point] - origin,
+        x_px=image[frame, point] - ORIGINS[said["pixel_origin"]],
         sigma_px=_sigma(path, stated, len(frame)),
-        position=position,
         board_mm=points,
     )
 
@@ -230,7 +291,7 @@ def _vnl(path: Path, stated: Stated) -> Observations:
 
     The frame is the last number in the name of the image, and sigma grows by two with each level, as mrcal weighs it.
     """
-    origin, position = _settled(path, stated, _FROM_ZERO)
+    said = _settled(path, stated, _FROM_ZERO, "pixel_origin", "position")
     rows, count = list[tuple[str, int, int, float, float, float]](), dict[str, int]()
     try:
         text = path.read_bytes().decode()
@@ -255,14 +316,14 @@ def _vnl(path: Path, stated: Stated) -> Observations:
         camera = stated.camera or (parts[-2] if len(parts) > 1 and "." in parts[-2] else "")
         rows.append((camera, int(digits[-1]), point, x, y, 2.0**level))
     cameras, frames, points, xs, ys, scale = zip(*rows, strict=True) if rows else [()] * 6
-    return Observations(
+    return Observations.of_points(
+        position=said["position"],
+        count=len(rows),
         camera=np.array(cameras, str),
         frame=np.array(frames, int),
-        target=np.full(len(rows), ""),
         point_id=np.array(points, int),
-        x_px=np.stack([xs, ys], axis=1).reshape(-1, 2) - origin,
+        x_px=np.stack([xs, ys], axis=1).reshape(-1, 2) - ORIGINS[said["pixel_origin"]],
         sigma_px=_sigma(path, stated, len(rows)) * np.array(scale),
-        position=position,
     )
 
 
@@ -270,7 +331,6 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
     """libpleno's observations: centres, then corners, then features with a blur radius. Its microlenses are numbered by
     its own grid: positions say which ones they are.
     """
-    origin, position = _settled(path, stated, _FROM_ZERO)
     try:
         data, parts, first = gzip.decompress(path.read_bytes()), [], 0
         for kind in (_LIBPLENO, _CORNER, _FEATURE):
@@ -279,16 +339,26 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
             first += 8 + count * size
     except (ValueError, OSError, EOFError) as error:
         raise DamagedFile(path, f"no observations of libpleno: {error}") from error
-    rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in parts[1:]])
-    return Observations(
-        camera=np.full(len(rows), stated.camera or ""),
-        frame=rows["frame"].astype(int),
-        target=np.full(len(rows), ""),
-        point_id=rows["cluster"].astype(int),
-        x_px=np.stack([rows["u"], rows["v"]], axis=1) - origin,
-        sigma_px=_sigma(path, stated, len(rows)),
-        position=position,
+    centres, *points = parts
+    rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in points])
+    names = [name for name, each in (("position", rows), ("centres", centres)) if len(each)]
+    said = _settled(path, stated, _FROM_ZERO, "pixel_origin", *names)
+    centres = centres[:0] if said.get("centres") == "none" else centres
+    observed: list[dict[str, Any]] = [
+        {
+            "count": len(each),
+            "camera": np.full(len(each), stated.camera or ""),
+            "x_px": np.stack([each["u"], each["v"]], axis=1) - ORIGINS[said["pixel_origin"]],
+            "sigma_px": _sigma(path, stated, len(each)),
+        }
+        for each in (rows, centres)
+    ]
+    observed[0] |= {"frame": rows["frame"].astype(int), "point_id": rows["cluster"].astype(int)}
+    both = (
+        Observations.of_points(position=said.get("position", ""), **observed[0]),
+        Observations.of_centres(position=said.get("centres", ""), **observed[1]),
     )
+    return joined(both, str(path))
 
 
 _READERS: dict[str, Callable[[Path, Stated], Observations]] = {
@@ -297,17 +367,3 @@ _READERS: dict[str, Callable[[Path, Stated], Observations]] = {
     ".vnl": _vnl,
     ".bin.gz": _libpleno,
 }
-
-
-def require_board(found: Observations, points_mm: np.ndarray, path: Path) -> None:
-    """UsageError: the points of the file are not as far from each other as those of the target (n, 3) are."""
-    if found.board_mm is None:
-        return
-    ids = np.flatnonzero(np.isfinite(found.board_mm[: len(points_mm), 0]))
-    theirs, ours = (
-        np.linalg.norm(points[ids, None] - points[None, ids], axis=2) for points in (found.board_mm, points_mm)
-    )
-    if np.abs(theirs - ours).max() > _SAME_SIZE * ours.max():
-        least = tuple(float(np.min(each[each > 0], initial=np.inf)) for each in (theirs, ours))
-        what = f"the board of {path} has points {least[0]:.6g} mm apart, that of the stage {least[1]:.6g} mm"
-        raise UsageError(what, hint="mend plen:squareSize, or the order of ids: row by row, from the top left")

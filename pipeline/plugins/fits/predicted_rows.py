@@ -1,11 +1,11 @@
 """Rows that a stage predicts for observed positions, by the solver of the ground truth, and their derivatives.
 
 A row is solved for each pair of a point and a microlens that was observed. Boards have poses of their own in the world,
-one for each frame, which all cameras share.
+one for each frame, which all cameras share. The centre of a micro-image is predicted by its chief ray.
 """
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -13,14 +13,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.camera.integrals import Bundles, integrals
+from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
-from pipeline.errors import UsageError
+from pipeline.formats import EXACT
 from pipeline.plugins.fits.observations import Observations
+from pipeline.records.shapes import Float64, Int64
 from pipeline.scene.dataset import CameraEntry, Dataset
-from pipeline.spelling import did_you_mean
 from pipeline.targets.points import TargetPoints
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.candidates import inverse
@@ -42,7 +43,7 @@ _LEVEL = 2
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Boards in frames: the key of each (frame, target), and the view of each observation, (n,)."""
+    """Boards in frames: the key of each (frame, target), and the view of each observation, (n,), -1 of a centre."""
 
     keys: tuple[tuple[int, str], ...]
     of_rows: np.ndarray
@@ -50,10 +51,10 @@ class Views:
     @classmethod
     def of(cls, observations: Observations) -> Self:
         """The views of observations whose targets are named."""
-        keys = sorted(set(zip(observations.frame.tolist(), observations.target.tolist(), strict=True)))
+        pairs = list(zip(observations.frame.tolist(), observations.target.tolist(), strict=True))
+        keys = sorted({pair for pair, is_centre in zip(pairs, observations.is_centre, strict=True) if not is_centre})
         number = {key: i for i, key in enumerate(keys)}
-        pairs = zip(observations.frame.tolist(), observations.target.tolist(), strict=True)
-        return cls(tuple(keys), np.array([number[pair] for pair in pairs], int))
+        return cls(tuple(keys), np.array([number.get(pair, -1) for pair in pairs], int))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,8 +77,12 @@ class Slopes:
 
 @functools.lru_cache(maxsize=4)
 def _rig(camera: Camera, seed: int, square_px: float) -> Rig:
-    """The rig of a camera: predictions and derivatives at the same numbers share it."""
     return Rig.of(Tracer(camera, seed), square_px)
+
+
+def rig_of(dataset: Dataset, entry: CameraEntry) -> Rig:
+    """A camera of a dataset, made ready; predictions and derivatives at the same numbers share it."""
+    return _rig(entry.camera, dataset.seed, entry.square_px)
 
 
 @dataclass(frozen=True)
@@ -96,31 +101,40 @@ class Predictor:
         finest = float(self.observations.sigma_px.min()) * _OF_SIGMA
         object.__setattr__(self, "accuracy_px", min(max(finest, _LEAST_PX), 1e-3))
 
-    def rig(self, dataset: Dataset, entry: CameraEntry) -> Rig:
-        """A camera of a dataset, made ready."""
-        return _rig(entry.camera, dataset.seed, entry.square_px)
-
     def predict(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> Predicted:
         """Positions with boards at `poses` (v, 4, 4) world_from_target [mm]; searches begin at `start_px` (n, 2)."""
         exact = np.full((len(self.observations), 2), np.nan)
-        for entry, rows in self._cameras(dataset):
-            solutions = self._solved(dataset, entry, rows, poses, start_px)
-            exact[rows[solutions.point]] = solutions.xy_px
+        for entry, points, centres in self._cameras(dataset):
+            solutions = self._solved(dataset, entry, points, poses, start_px)
+            exact[points[solutions.point]] = solutions.xy_px
+            if len(centres):
+                exact[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
         return Predicted(x_px=exact + self.offset_px, exact_px=exact)
 
     def offsets(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
-        """From positions of J to those that the detector looks for, (n, 2) [px]; NaN where a point has none."""
-        offset_px = np.full((len(self.observations), 2), np.nan)
-        for entry, rows in self._cameras(dataset):
-            solutions = self._solved(dataset, entry, rows, poses, start_px)
-            wanted = self._wanted(self.rig(dataset, entry), dataset, entry, rows, poses, solutions)
-            offset_px[rows[solutions.point]] = wanted - solutions.xy_px
+        """From positions of J, and of chief rays of centres, to those that the detector looks for, (n, 2) [px]; NaN
+        where a point has none.
+        """
+        offset_px, sought = np.full((len(self.observations), 2), np.nan), self.observations.position
+        offset_px[sought == EXACT] = 0.0
+        for entry, points, centres in self._cameras(dataset):
+            rig = rig_of(dataset, entry)
+            for position in {*sought[points].tolist()} - {EXACT}:
+                rows = points[sought[points] == position]
+                solved = self._solved(dataset, entry, rows, poses, start_px)
+                wanted = self._wanted(position, dataset, entry, rows, poses, solved)
+                offset_px[rows[solved.point]] = wanted - solved.xy_px
+            offset_px[centres] = 0.0
+            of_light = centres[sought[centres] == "centroid"]
+            if len(of_light):
+                microlens = self._microlens[of_light]
+                offset_px[of_light] = centroids_px(rig, microlens) - chief_px(rig, microlens)
         return offset_px
 
     def _solved(
         self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, start_px: np.ndarray
     ) -> Solutions:
-        rig, planes = self.rig(dataset, entry), self._planes(dataset, entry, rows, poses)
+        rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
         guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
         return solve(rig, guess, planes, self.accuracy_px, 0.0).solutions
 
@@ -135,30 +149,43 @@ class Predictor:
         """Derivatives at solved positions, of which what is NaN is left out, by each number with its two neighbours."""
         by_number = np.full((len(exact_px), 2, len(around)), np.nan)
         by_pose = np.full((len(exact_px), 2, 6), np.nan)
-        for entry, of_camera in self._cameras(dataset):
-            rows = of_camera[np.isfinite(exact_px[of_camera, 0])]
-            rig, planes = self.rig(dataset, entry), self._planes(dataset, entry, rows, poses)
+        for entry, *of_camera in self._cameras(dataset):
+            rows, centres = (each[np.isfinite(exact_px[each, 0])] for each in of_camera)
+            rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
             solved = SolvedRows(np.arange(len(rows)), self._cells(rig, rows), exact_px[rows], Planes(planes))
-            by_number[rows], variations, places = 0.0, [], []
+            by_number[rows], by_number[centres], by_pose[centres] = 0.0, 0.0, 0.0
+            variations, places = [], []
             for place, (ends, step) in enumerate(zip(around, steps, strict=True)):
                 sides = [self._neighbour(end, entry, rows, poses, rig) for end in ends]
                 if all(side.tracer is rig.tracer and np.array_equal(side.planes.of_points, planes) for side in sides):
                     continue  # the number is none of this camera's
                 variations.append(Variation(step, *sides))
                 places.append(place)
+                if len(centres):
+                    less, more = (chief_px(Rig.of(side.tracer), self._microlens[centres]) for side in sides)
+                    by_number[centres, :, place] = (more - less) / (2 * step)
+            if not len(rows):
+                continue
             rates = derivatives(rig, solved, variations)
             by_number[np.ix_(rows, [0, 1], places)] = rates.x_px.transpose(0, 2, 1)
-            frames = {frame.number: np.array(frame.camera_from_world[entry.name]) for frame in dataset.frames}
+            frames = {frame.number: np.array(frame.camera_from_world[entry.name]) for frame in dataset.frames_of(entry)}
             world = np.array([frames[self.views.keys[view][0]] for view in self.views.of_rows[rows]])
             origin = np.einsum("nij,nj->ni", world, poses[self.views.of_rows[rows], :, 3])[:, :3]
             hits = _by_pose(rig, solved, origin) @ np.kron(np.eye(2), world[:, None, :3, :3]).reshape(-1, 6, 6)
             by_pose[rows] = -inverse(rates.jacobian_mm_per_px) @ hits
         return Slopes(by_number=by_number, by_pose=by_pose)
 
-    def _cameras(self, dataset: Dataset) -> list[tuple[CameraEntry, np.ndarray]]:
+    def _cameras(self, dataset: Dataset) -> Iterator[tuple[CameraEntry, np.ndarray, np.ndarray]]:
+        """Cameras with their rows, of points and of centres."""
         entries = {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
-        names = np.unique(self.observations.camera).tolist()
-        return [(entries[name], np.flatnonzero(self.observations.camera == name)) for name in names]
+        for name in np.unique(self.observations.camera).tolist():
+            of_camera, is_centre = self.observations.camera == name, self.observations.is_centre
+            yield entries[name], np.flatnonzero(of_camera & ~is_centre), np.flatnonzero(of_camera & is_centre)
+
+    @property
+    def _microlens(self) -> np.ndarray:
+        assert self.observations.microlens is not None
+        return self.observations.microlens
 
     def _cells(self, rig: Rig, rows: np.ndarray) -> np.ndarray:
         lattice, microlens = rig.tracer.lattice, self.observations.microlens
@@ -185,10 +212,16 @@ class Predictor:
         return planes
 
     def _wanted(
-        self, rig: Rig, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, solved: Solutions
+        self,
+        position: str,
+        dataset: Dataset,
+        entry: CameraEntry,
+        rows: np.ndarray,
+        poses: np.ndarray,
+        solved: Solutions,
     ) -> np.ndarray:
-        """The positions that the detector looks for, of solved rows: J's, or others of the same points, NaN of none."""
-        x_px = solved.xy_px
+        """Another position than J's of the points of solved rows, (n, 2) [px]; NaN where a point has none."""
+        x_px, rig = solved.xy_px, rig_of(dataset, entry)
         targets, frames = {each.name: each for each in dataset.targets}, {each.number: each for each in dataset.frames}
         view = self.views.of_rows[rows[solved.point]]
         ids = self.observations.point_id[rows[solved.point]]
@@ -197,15 +230,8 @@ class Predictor:
             pose, target = np.array(frames[frame].camera_from_world[entry.name]) @ poses[each], targets[name].target
             points = target.points()
             planes = Planes(tangent_planes(pose, points.position_mm, points.plane_axes))
-            of = Solutions(
-                ids[some],
-                solved.cell[some],
-                solved.x_px[some],
-                solved.y_px[some],
-                solved.jacobian[some],
-                np.zeros(len(some)),
-            )
-            x_px[some] = column_set(self.observations.position, rig, target, pose, planes, of).x_px
+            of = replace(solved.only(some), point=ids[some])
+            x_px[some] = column_set(position, rig, target, pose, planes, of).x_px
         return x_px
 
 
@@ -232,6 +258,28 @@ def _by_pose(rig: Rig, rows: SolvedRows, origin_mm: np.ndarray) -> np.ndarray:
     return np.concatenate([turned, along], axis=2)
 
 
+def chief_px(rig: Rig, microlens: Int64[np.ndarray, "n 2"]) -> np.ndarray:
+    """Hits of the chief rays through microlenses, by k and l, (n, 2) [px]; NaN where the array has no such one."""
+    assert rig.images is not None
+    return _of_rows(rig, microlens, rig.images.centre_mm)
+
+
+def centroids_px(rig: Rig, microlens: Int64[np.ndarray, "n 2"]) -> np.ndarray:
+    """Centroids of all light through microlenses, by k and l, (n, 2) [px]; NaN of a dark one."""
+    assert rig.images is not None and rig.tracer.lattice is not None
+    rows = np.unique(rig.tracer.lattice.rows(microlens[:, 0], microlens[:, 1], -1))
+    light = micro_light(rig.tracer, rig.images, rows=rows[rows >= 0])
+    centroid_mm = np.full_like(rig.images.centre_mm, np.nan)
+    centroid_mm[light.rows] = light.centroid_mm
+    return _of_rows(rig, microlens, centroid_mm)
+
+
+def _of_rows(rig: Rig, microlens: np.ndarray, positions_mm: Float64[np.ndarray, "m 2"]) -> np.ndarray:
+    assert rig.tracer.lattice is not None
+    rows = rig.tracer.lattice.rows(microlens[:, 0], microlens[:, 1], -1)
+    return np.where(rows[:, None] >= 0, rig.tracer.pixels_at(positions_mm[rows]), np.nan)
+
+
 def moved(poses: np.ndarray, by: np.ndarray) -> np.ndarray:
     """Poses (v, 4, 4) turned about their own origins and shifted, in the axes of the world; `by`: (v, 6)."""
     turned = poses.copy()
@@ -246,53 +294,3 @@ def points_of(dataset: Dataset) -> Mapping[str, TargetPoints]:
 
 
 _points = functools.lru_cache(maxsize=16)(lambda target: target.points())
-
-
-def placed(observations: Observations, dataset: Dataset) -> Observations:
-    """Observations with cameras, targets and microlenses that a dataset has.
-
-    UsageError: it has no such camera, target, frame, point or microlens, or a shutter scans while something moves.
-    """
-    entries = {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
-    frames = {frame.number: frame for frame in dataset.frames}
-    camera = _named("camera", observations.camera, tuple(entries))
-    target = _named("target", observations.target, tuple(entry.name for entry in dataset.targets))
-    if missing := sorted(set(observations.frame.tolist()) - {*frames}):
-        hint = "give it a time code for each image: endTimeCode, or plen:frames"
-        raise UsageError(f"the dataset has no frame {missing[0]}", hint=hint)
-    for name in np.unique(target).tolist():
-        ids, count = observations.point_id[target == name], len(points_of(dataset)[name].position_mm)
-        if ids.min() < 0 or ids.max() >= count:
-            wrong = int(ids.min() if ids.min() < 0 else ids.max())
-            raise UsageError(f"{name} has no point {wrong}", hint=f"its points are 0 to {count - 1}")
-    return _behind_microlenses(replace(observations, camera=camera, target=target), dataset, entries)
-
-
-def _named(kind: str, given: np.ndarray, known: tuple[str, ...]) -> np.ndarray:
-    """Names of cameras or targets, the only one where the file names none."""
-    if (given == "").any() and len(known) > 1:
-        raise UsageError(f"the dataset has {len(known)} {kind}s, and the file names none", hint=", ".join(known))
-    names = np.where(given == "", known[0], given)
-    for name in sorted(set(names.tolist()) - {*known}):
-        raise UsageError(f"the dataset has no {kind} {name!r}", hint=did_you_mean(name, known) or ", ".join(known))
-    return names
-
-
-def _behind_microlenses(found: Observations, dataset: Dataset, entries: Mapping[str, CameraEntry]) -> Observations:
-    """Observations with the microlens of each: the one that is named, or that in whose micro-image the position is."""
-    microlens = np.zeros((len(found), 2), np.int64) if found.microlens is None else found.microlens.copy()
-    for name in np.unique(found.camera):
-        rows = np.flatnonzero(found.camera == name)
-        rig = _rig(entries[name].camera, dataset.seed, entries[name].square_px)
-        outside = rows[~rig.in_image(found.x_px[rows])]
-        if len(outside):
-            x, y = found.x_px[outside[0]].tolist()
-            width, height = entries[name].camera.sensor.size_px
-            raise UsageError(f"({x:g}, {y:g}) px lies outside of the image of {name}, {width} x {height} px")
-        if (lattice := rig.tracer.lattice) is None:
-            continue
-        if found.microlens is None:
-            microlens[rows] = rig.axial[rig.microlens_at(rig.tracer.positions_mm(*found.x_px[rows].T))]
-        elif len(unknown := rows[lattice.rows(microlens[rows, 0], microlens[rows, 1], -1) < 0]):
-            raise UsageError(f"the array of {name} has no microlens {tuple(microlens[unknown[0]].tolist())}")
-    return replace(found, microlens=microlens)

@@ -46,8 +46,9 @@ class Problem(Protocol):
 class Asked:
     """Facts beside the rows.
 
-    `sigma_px`: (n,). `view`: of each row, (n,). `deviation`, `reach`: of the errors of numbers, (m,), infinite of what
-    nothing holds. `loss_scale`: residual over sigma at which a row begins to count less; None: never.
+    `sigma_px`: (n,). `view`: of each row, (n,), -1 of one before no board. `deviation`, `reach`: of the errors of
+    numbers, (m,), infinite of what nothing holds. `loss_scale`: residual over sigma at which a row begins to count
+    less; None: never.
     """
 
     sigma_px: np.ndarray
@@ -108,7 +109,7 @@ def solve(
         for _ in range(_TRIES):
             by_step = _step(reduced, by, damping, asked)
             pose_steps = _pose_steps(slopes, residual, weight, by_step, asked)
-            there = _tried(problem, by + by_step, moved(poses, pose_steps))
+            there = _tried(problem, by + by_step, moved(poses, pose_steps[:-1]))
             both = was & np.isfinite(there[:, 0])
             before, after = _cost(residual, both, by, asked), _cost(there, both, by + by_step, asked)
             if both.sum() >= _LEAST_ROWS * was.sum() and after <= before + _SLACK * (before + len(both)):
@@ -119,7 +120,7 @@ def solve(
             break
         change = slopes.by_number @ by_step + np.einsum("nij,nj->ni", slopes.by_pose, pose_steps[asked.view])
         way = np.linalg.norm((change / asked.sigma_px[:, None])[both])
-        by, poses, residual = by + by_step, moved(poses, pose_steps), there
+        by, poses, residual = by + by_step, moved(poses, pose_steps[:-1]), there
         if damping == 0 and way < SETTLED:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
@@ -210,13 +211,13 @@ def _step(reduced: _Reduced, by: np.ndarray, damping: float, asked: Asked) -> np
 def _pose_steps(
     slopes: Slopes, residual: np.ndarray, weight: np.ndarray, by_step: np.ndarray, asked: Asked
 ) -> np.ndarray:
-    """Steps of poses (v, 6) that fit best to numbers that move by so much."""
-    steps = np.zeros((asked.view.max() + 1, 6))
+    """Steps of poses that fit best to numbers that move by so much, (v + 1, 6), the last one 0: of no board."""
+    steps = np.zeros((asked.view.max() + 2, 6))
     if not asked.has_free_poses:
         return steps
     off = residual + slopes.by_number @ by_step
     is_there = (weight > 0) & np.isfinite(off).all(axis=1) & np.isfinite(slopes.by_pose).all(axis=(1, 2))
-    for view in range(len(steps)):
+    for view in range(len(steps) - 1):
         some = np.flatnonzero((asked.view == view) & is_there)
         root = np.sqrt(weight[some]) / asked.sigma_px[some]
         rows = (root[:, None, None] * slopes.by_pose[some]).reshape(-1, 6)

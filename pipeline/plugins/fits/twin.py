@@ -1,6 +1,6 @@
 """A stage fitted to what a real camera sees: `pipeline calibrate`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,13 +10,17 @@ import numpy as np
 from pipeline.app.stages import require_free, sound, write_new
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
+from pipeline.formats import EXACT
 from pipeline.plugins.fits.first_poses import first_poses
 from pipeline.plugins.fits.free_numbers import FreeStage
-from pipeline.plugins.fits.observations import Observations, Stated, read_observations, require_board
-from pipeline.plugins.fits.predicted_rows import Predicted, Predictor, Slopes, Views, placed, points_of
+from pipeline.plugins.fits.observations import Observations, Stated, joined, read_observations
+from pipeline.plugins.fits.placement import placed, require_board
+from pipeline.plugins.fits.predicted_rows import Predicted, Predictor, Slopes, Views, points_of
 from pipeline.plugins.fits.solver import Asked, Solution, solve, unnoticed
 from pipeline.records.plain import Json
 
+MISTAKES = ("shift_x_px", "shift_y_px", "board", "centres_x_px", "centres_y_px")
+"""Shift of all positions of points, size of the boards over what the stage states, less 1, and shift of all centres."""
 _ROWS, _COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
 """Regions of an image."""
 _DOUBT = 5.0
@@ -115,27 +119,25 @@ class Twin:
         seen = self.observations
         share = (seen.x_px + 0.5) / np.array([self.sizes_px[name] for name in seen.camera.tolist()])
         column, row = np.clip((share * 3).astype(int), 0, 2).T
+        frame = np.where(seen.is_centre, "white", seen.frame.astype(str))
         regions = [(r, c, f"{down} {across}") for r, down in enumerate(_ROWS) for c, across in enumerate(_COLUMNS)]
         return {
             "camera": [self.group(name, seen.camera == name) for name in np.unique(seen.camera).tolist()],
-            "frame": [self.group(str(number), seen.frame == number) for number in np.unique(seen.frame).tolist()],
+            "frame": [self.group(name, frame == name) for name in dict.fromkeys(frame.tolist())],
             "region": [self.group(name, (row == r) & (column == c)) for r, c, name in regions],
         }
 
     @cached_property
     def mistakes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Estimates and deviations of a shift of all positions [px], along x and y, and of the size of the boards over
-        what the stage states, less 1: what a wrong pixel origin or a wrong board would look like.
-        """
-        seen, poses = self.observations, self.solution.poses
-        points = points_of(self.stage.nominal)
-        on_board = np.array(
-            [points[name].position_mm[i] for name, i in zip(seen.target.tolist(), seen.point_id.tolist(), strict=True)]
-        )
-        outwards = np.einsum("nij,nj->ni", poses[self.views.of_rows][:, :3, :3], on_board)
-        grown = np.einsum("nij,nj->ni", self.solution.slopes.by_pose[:, :, 3:], outwards)
-        shifted = np.broadcast_to(-np.eye(2), (len(seen), 2, 2))
-        return unnoticed(self.solution, self.asked, np.concatenate([shifted, grown[:, :, None]], axis=2))
+        """Estimates and deviations of `MISTAKES`: what a wrong pixel origin or a wrong board would look like."""
+        seen, points = self.observations, points_of(self.stage.nominal)
+        extra = np.zeros((len(seen), 2, len(MISTAKES)))
+        extra[~seen.is_centre, :, :2] = extra[seen.is_centre, :, 3:] = -np.eye(2)
+        for view, (_, target) in enumerate(self.views.keys):
+            rows = np.flatnonzero(self.views.of_rows == view)
+            outwards = points[target].position_mm[seen.point_id[rows]] @ self.solution.poses[view, :3, :3].T
+            extra[rows, :, 2] = np.einsum("nij,nj->ni", self.solution.slopes.by_pose[rows, :, 3:], outwards)
+        return unnoticed(self.solution, self.asked, extra)
 
     @cached_property
     def doubts(self) -> list[str]:
@@ -162,12 +164,12 @@ class Twin:
             said.append(f"chi squared is {times:.3g} times what sigma leaves: {why}")
         estimate, deviation = self.mistakes
         if everything.is_doubted or len(far):
-            shift = np.abs(estimate[:2]) > _DOUBT * deviation[:2]
-            if shift.any():
-                x, y = estimate[:2].tolist()
-                said.append(
-                    f"positions that are ({x:+.3f}, {y:+.3f}) px off would fit better: is the pixel origin right?"
-                )
+            for what, of in (("positions of points", slice(2)), ("centres", slice(3, 5))):
+                x, y = estimate[of].tolist()
+                if (np.abs(estimate[of]) > _DOUBT * deviation[of]).any():
+                    said.append(
+                        f"{what} that are ({x:+.3f}, {y:+.3f}) px off would fit better: is the pixel origin right?"
+                    )
             if abs(estimate[2]) > _DOUBT * deviation[2]:
                 said.append(f"a board {1 + estimate[2]:.5g} times as large would fit better: is its size right?")
         return said
@@ -177,9 +179,7 @@ class Twin:
         return np.nan_to_num((self.solution.residual_px**2).sum(axis=1) / self.asked.sigma_px**2)
 
     def _names(self, rows: np.ndarray) -> str:
-        seen = self.observations
-        listed = [f"point {seen.point_id[row]} in frame {seen.frame[row]} of {seen.camera[row]}" for row in rows[:3]]
-        return ", ".join(listed) + (" …" if len(rows) > 3 else "")
+        return ", ".join(map(self.observations.name, rows[:3])) + (" …" if len(rows) > 3 else "")
 
     @property
     def untold(self) -> list[str]:
@@ -188,7 +188,7 @@ class Twin:
         said = []
         if deviation[:2].max() > _HALF_TOLD_PX:
             said.append("these rows do not tell the pixel origin: half a pixel would go into numbers and poses unseen")
-        if deviation[2] > 1e-2:
+        if deviation[2] > 1e-2 and len(self.views.keys):
             said.append("these rows do not tell the size of the board: it would go into its distance unseen")
         return said
 
@@ -215,7 +215,7 @@ class Twin:
 
 def calibrate(
     stage: FreeStage,
-    file: Path,
+    files: Sequence[Path],
     stated: Stated,
     *,
     loss_scale: float | None = None,
@@ -224,16 +224,17 @@ def calibrate(
 ) -> Twin:
     """Fit the free numbers of a dataset, and the poses of its boards unless they are known, to observed positions.
 
-    Raises UsageError: the file cannot be read, does not belong to the dataset, or no pose of a board fits.
+    Raises UsageError: a file cannot be read, does not belong to the dataset, or no pose of a board fits.
     """
-    found = placed(read_observations(file, stated), stage.nominal)
-    targets = points_of(stage.nominal)
-    require_board(found, targets[str(found.target[0])].position_mm, file)
+    parts = [placed(read_observations(file, stated), stage.nominal) for file in files]
+    for part, file in zip(parts, files, strict=True):
+        require_board(part, stage.nominal, file)
+    found = joined(parts, ", ".join(map(str, files)))
     views = Views.of(found)
     predictor = Predictor(found, views)
     if known_poses:
         frames = {frame.number: frame for frame in stage.nominal.frames}
-        poses = np.array([frames[frame].world_from_target[target] for frame, target in views.keys])
+        poses = np.array([frames[frame].world_from_target[target] for frame, target in views.keys]).reshape(-1, 4, 4)
     else:
         poses = first_poses(predictor, stage.nominal)
     numbers = stage.numbers
@@ -250,17 +251,18 @@ def calibrate(
         hint = "free less, or give more images"
         raise UsageError(f"{count} coordinates do not tell {unknowns} unknowns", hint=hint)
     by = np.zeros(len(numbers))
+    is_exact = bool(((found.position == EXACT) | (found.position == "chief") & found.is_centre).all())
     for turn in range(_TURNS):
-        if found.position != "exact":
-            tell(f"looking for positions: {found.position}")
+        if not is_exact:
+            tell(f"looking for positions: {found.kinds}")
             there_px = predictor.offsets(stage.at(by), poses, found.x_px)
-            change_px = np.abs(np.nan_to_num(there_px - predictor.offset_px)).max(axis=1)
-            if turn and (change_px < _SAME * found.sigma_px).all():
+            is_same = np.abs(there_px - predictor.offset_px) < _SAME * found.sigma_px[:, None]
+            if turn and (is_same | np.isnan(there_px)).all():
                 break
             predictor = replace(predictor, offset_px=there_px)
         solution = solve(_Rows(stage, predictor), asked, by, poses, tell)
         by, poses = solution.by, solution.poses
-        if found.position == "exact":
+        if is_exact:
             break
     return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
 
@@ -284,10 +286,10 @@ def document(twin: Twin) -> Json:
         )
     names = [number.name for number in twin.stage.numbers]
     estimate, deviation = twin.mistakes
-    mistakes = zip(("shift_x_px", "shift_y_px", "board"), estimate.tolist(), deviation.tolist(), strict=True)
+    mistakes = zip(MISTAKES, estimate.tolist(), deviation.tolist(), strict=True)
     return {
         "stage": twin.stage.path.name,
-        "position": twin.observations.position,
+        "position": twin.observations.kinds,
         "rows": len(twin.observations),
         "missing": twin.missing.tolist(),
         "converged": solution.converged,

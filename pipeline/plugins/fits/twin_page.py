@@ -19,7 +19,7 @@ def page(twin: Twin) -> Iterator[str]:
     """Lines for a terminal."""
     seen, solution = twin.observations, twin.solution
     cameras, views = len(np.unique(seen.camera)), len(twin.views.keys)
-    yield f"{len(seen)} positions ({seen.position}) of {cameras} camera{'s' * (cameras > 1)} in {views} views"
+    yield f"{len(seen)} positions ({seen.kinds}) of {cameras} camera{'s' * (cameras > 1)} in {views} views"
     state = "converged" if solution.converged else "NOT CONVERGED"
     yield f"{state} after {solution.steps} steps: {solution.ending}"
     everything = twin.group("all", np.ones(len(seen), bool))

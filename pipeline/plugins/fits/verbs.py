@@ -148,12 +148,17 @@ def inform(
 def calibrate(
     stage: Stage,
     observations: Annotated[
-        Path, typer.Argument(metavar="OBSERVATIONS", help="Positions that a detector found: .csv, .npz, .vnl, .bin.gz.")
+        list[Path],
+        typer.Argument(metavar="OBSERVATIONS…", help="Positions that a detector found: .csv, .npz, .vnl, .bin.gz."),
     ],
     out: Annotated[Path, option(OUTPUT, "--out", "-o", metavar="FITTED.usda", help="New layer over the dataset.")],
     free: Annotated[
         list[str] | None,
         typer.Option(metavar="PATH", help="A number that is free, or a prim: all with tolerances there; repeatable."),
+    ] = None,
+    centres: Annotated[
+        str | None,
+        typer.Option(metavar="centroid|chief|none", help="Position that a file means by centres of micro-images."),
     ] = None,
     sigma: Annotated[
         float | None, typer.Option(metavar="PX", help="Error of positions, one sigma, if the file has none.", min=1e-9)
@@ -194,7 +199,7 @@ def calibrate(
     if plot is not None:
         require_plots()
     numbers = FreeStage(stage, free or [], tuple(allow_root or ()))
-    stated = Stated(pixel_origin=pixel_origin, position=position, sigma_px=sigma, camera=camera)
+    stated = Stated(pixel_origin=pixel_origin, position=position, centres=centres, sigma_px=sigma, camera=camera)
     twin = fitted(numbers, observations, stated, loss_scale=loss, known_poses=poses == "known", tell=note)
     files = [*twin.write(out)]
     if plot is not None:

@@ -4,13 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from places import TINY_PLENOPTIC
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 from stage_text import in_the_library
 
+from pipeline.camera.micro_images.light import micro_light
 from pipeline.files.tables import write_table
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated
 from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.render.imaging import irradiance
 from pipeline.results.opening import ready
 from pipeline.results.ready_camera import ReadyCamera
 
@@ -80,21 +84,79 @@ def seen(stage: FreeStage, by: np.ndarray, sigma_px: float, seed: int | None = N
     x_px = np.stack([x, y], axis=1)
     if seed is not None:
         x_px += np.random.default_rng(seed).normal(scale=sigma_px, size=x_px.shape)
-    return Observations(
+    return Observations.of_points(
+        position="exact",
+        count=len(ids),
         camera=np.full(len(ids), entry.full_name),
         frame=frames,
         target=np.full(len(ids), target.name),
         point_id=ids,
         x_px=x_px,
         sigma_px=np.full(len(ids), sigma_px),
-        position="exact",
         microlens=np.stack([k, l], axis=1) if entry.camera.microlenses else None,
     )
 
 
-def table(found: Observations, path: Path, remarks: Sequence[str] = ("pixel_origin: 0", "position: exact")) -> Path:
-    """Our own file of observations."""
-    columns = {name: getattr(found, name) for name in ("camera", "frame", "target", "point_id")}
+def centres(stage: FreeStage, by: np.ndarray, position: str, sigma_px: float) -> Observations:
+    """Centres in the white image of the camera whose numbers are moved."""
+    (entry,) = stage.at(by).cameras
+    rig = ready(entry.camera).rig
+    light = micro_light(rig.tracer, rig.images)
+    x_px = rig.tracer.pixels_at(light.centroid_mm if position == "centroid" else rig.images.centre_mm[light.rows])
+    is_inside = rig.in_image(x_px)
+    count = int(is_inside.sum())
+    return Observations.of_centres(
+        position=position,
+        count=count,
+        camera=np.full(count, entry.full_name),
+        x_px=x_px[is_inside],
+        sigma_px=np.full(count, sigma_px),
+        microlens=rig.axial[light.rows[is_inside]],
+    )
+
+
+def stopped_down(folder: Path) -> Path:
+    """The tiny plenoptic camera with more pixels, and dark gaps between its micro-images."""
+    text = TINY_PLENOPTIC.read_text(encoding="utf-8")
+    stop = 'over "Lens"\n{\nover "Stop"\n{\nuniform double plen:semiDiameter = 3.5\n}\n}\n'
+    for old, new in (
+        ("plen:pixelPitch = 0.03", "plen:pixelPitch = 0.01"),
+        ("plen:resolution = (48, 40)", "plen:resolution = (144, 120)"),
+        ('over "Sensor"', f'{stop}over "Sensor"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "stopped_down.usda"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def white_image(stage: FreeStage, by: np.ndarray, sigma_px: float) -> Observations:
+    """Centroids of whole islands of light in the rendered white image of the camera whose numbers are moved."""
+    (entry,) = stage.at(by).cameras
+    light = irradiance(ready(entry.camera).rig, 1024, None)
+    island, count = ndimage.label(light > 0)
+    high, wide = light.shape
+    is_whole = [
+        y.start > 0 and x.start > 0 and y.stop < high and x.stop < wide for y, x in ndimage.find_objects(island)
+    ]
+    numbers = np.arange(1, count + 1)[is_whole]
+    x_px = np.array(ndimage.center_of_mass(light, island, numbers))[:, ::-1]
+    return Observations.of_centres(
+        position="centroid",
+        count=len(x_px),
+        camera=np.full(len(x_px), entry.full_name),
+        x_px=x_px,
+        sigma_px=np.full(len(x_px), sigma_px),
+    )
+
+
+def table(found: Observations, path: Path, remarks: Sequence[str] = ()) -> Path:
+    """Our own file of observations, of points or of centres."""
+    of_centres = bool(found.is_centre.all())
+    remarks = remarks or ["pixel_origin: 0", f"{'centres' if of_centres else 'position'}: {found.position[0]}"]
+    names = ("camera",) if of_centres else ("camera", "frame", "target", "point_id")
+    columns = {name: getattr(found, name) for name in names}
     columns |= {"x_px": found.x_px[:, 0], "y_px": found.x_px[:, 1], "sigma_px": found.sigma_px}
     if found.microlens is not None:
         columns |= {"microlens_k": found.microlens[:, 0], "microlens_l": found.microlens[:, 1]}
@@ -102,6 +164,9 @@ def table(found: Observations, path: Path, remarks: Sequence[str] = ("pixel_orig
     return path
 
 
-def fitted(stage: FreeStage, found: Observations, folder: Path, **options) -> Twin:
-    """The twin of observations, by way of a file."""
-    return calibrate(stage, table(found, folder / "seen.csv"), Stated(), **options)
+def fitted(stage: FreeStage, found: Observations, folder: Path, white: Observations | None = None, **options) -> Twin:
+    """The twin of observations, by way of files."""
+    files = [table(found, folder / "seen.csv")]
+    if white is not None:
+        files.append(table(white, folder / "white.csv"))
+    return calibrate(stage, files, Stated(), **options)

@@ -10,7 +10,18 @@ import cv2
 import numpy as np
 import pytest
 from places import TINY_PLENOPTIC
-from plugins.fits.planted import INNER, OFF, fitted, narrow_stage, seen, table, wide_stage
+from plugins.fits.planted import (
+    INNER,
+    OFF,
+    centres,
+    fitted,
+    narrow_stage,
+    seen,
+    stopped_down,
+    table,
+    white_image,
+    wide_stage,
+)
 from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
@@ -18,7 +29,8 @@ from pipeline.errors import UsageError
 from pipeline.files.damaged import DamagedFile
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
-from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, placed, points_of
+from pipeline.plugins.fits.placement import placed
+from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points_of
 from pipeline.plugins.fits.twin import calibrate
 from pipeline.scene.load import open_dataset
 
@@ -74,13 +86,16 @@ def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path,
     stage, off = FreeStage(narrow.path, [RADIUS, "Rig/Sensor.plen:offset"]), np.array([0.02, 0.01, -0.02])
     stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)
     found = placed(exact, narrow.nominal)
-    predictor, dataset = Predictor(replace(found, position="chief"), Views.of(found)), stage.at(off)
+    predictor, dataset = (
+        Predictor(replace(found, position=np.full(len(found), "chief")), Views.of(found)),
+        stage.at(off),
+    )
     frames = {frame.number: frame for frame in dataset.frames}
     poses = np.array([frames[frame].world_from_target[name] for frame, name in predictor.views.keys])
     chief = replace(exact, x_px=exact.x_px + predictor.offsets(dataset, poses, exact.x_px))
     assert np.abs(chief.x_px - exact.x_px).max() > 0.05
     file = table(chief, tmp_path / "seen.csv", ["pixel_origin: 0", "position: chief"])
-    twin = calibrate(stage, file, Stated())
+    twin = calibrate(stage, [file], Stated())
     assert twin.solution.converged and np.abs(twin.solution.residual_px).max() < 1e-6
     np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
 
@@ -153,13 +168,58 @@ def test_numbers_scatter_by_the_stated_covariance_and_so_does_chi_squared(tmp_pa
         assert chi2.ppf(1e-4, count) < sum_of_squares < chi2.ppf(1 - 1e-4, count)
 
 
-def test_a_plenoptic_camera_comes_back(tmp_path):
-    array = "Rig/Microlenses.plen:"
-    stage = FreeStage(TINY_PLENOPTIC, [f"{array}focalLengths[0]", f"{array}offset", f"{array}rotation"])
-    off = np.array([0.01, 0.002, -0.003, 0.02])
-    twin = fitted(stage, seen(stage, off, 1e-5), tmp_path)
-    assert twin.solution.converged and twin.doubts == []
+ARRAY = "Rig/Microlenses.plen:"
+WHITE = [f"{ARRAY}pitch", f"{ARRAY}rotation", "Rig/Camera.plen:camera:microlensDistance", f"{ARRAY}offset"]
+OFF_WHITE = np.array([2e-5, 0.1, 2e-3, 0.002, -0.003])
+
+
+@pytest.mark.parametrize("position", ["centroid", "chief"])
+def test_a_plenoptic_camera_comes_back_from_corners_and_its_white_image(tmp_path, position):
+    stage = FreeStage(TINY_PLENOPTIC, [f"{ARRAY}focalLengths[0]", *WHITE])
+    off = np.array([0.01, *OFF_WHITE])
+    twin = fitted(stage, seen(stage, off, 1e-3), tmp_path, centres(stage, off, position, 1e-3))
+    assert twin.solution.converged and twin.doubts == [] and twin.untold == []
     np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-6)
+
+
+def test_a_white_image_alone_tells_where_the_array_is(tmp_path):
+    """Centroids of the pixels of each island of light in a rendered image."""
+    stage = FreeStage(stopped_down(tmp_path), WHITE[:2] + WHITE[3:])
+    off = np.delete(OFF_WHITE, 2)
+    found = white_image(stage, off, sigma_px=2e-3)
+    twin = calibrate(stage, [table(found, tmp_path / "white.csv")], Stated())
+    assert len(found) > 20 and twin.solution.converged and twin.doubts == []
+    assert np.abs((twin.solution.by - off) / twin.solution.deviation).max() < 5
+    assert np.hypot(*twin.solution.residual_px.T).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (lambda found: replace(found, microlens=found.microlens * (1, -1)), "numbered otherwise"),
+        (lambda found: replace(found, microlens=found.microlens[:, ::-1]), "numbered otherwise"),
+        (
+            lambda found: replace(found, microlens=np.add(found.microlens, (1, 0))),
+            "their numbers begin at another microlens",
+        ),
+        (lambda found: replace(found, microlens=np.add(found.microlens, (900, 0))), "has no microlens"),
+        (lambda found: replace(found, x_px=found.x_px[[1, 0, *range(2, len(found))]]), "px from where others say"),
+        (lambda found: replace(found, microlens=0 * found.microlens), "twice"),
+        (lambda found: replace(found, camera=np.full(len(found), "Rig.Right")), "has no camera"),
+    ],
+)
+def test_a_centre_of_another_microlens_is_refused(tmp_path, mistake, said):
+    stage = FreeStage(TINY_PLENOPTIC, WHITE)
+    found = centres(stage, 0 * OFF_WHITE, "chief", 0.01)
+    with pytest.raises(UsageError, match=said):
+        calibrate(stage, [table(mistake(found), tmp_path / "white.csv")], Stated())
+
+
+def test_centres_that_count_from_another_pixel_than_corners_are_named(tmp_path):
+    stage = FreeStage(TINY_PLENOPTIC, WHITE)
+    white = centres(stage, 0 * OFF_WHITE, "chief", 0.01)
+    twin = fitted(stage, seen(stage, 0 * OFF_WHITE, 0.01), tmp_path, replace(white, x_px=white.x_px + 0.5))
+    assert any("centres that are (" in doubt and "pixel origin" in doubt for doubt in twin.doubts)
 
 
 def swapped(found: Observations) -> Observations:
@@ -257,13 +317,13 @@ def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(t
         assert (found.sigma_px == sigma_px).all()
     np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points[:5]})
     with pytest.raises(UsageError, match="arrays that do not fit together"):
-        calibrate(narrow, tmp_path / "seen.npz", stated)
+        calibrate(narrow, [tmp_path / "seen.npz"], stated)
     (tmp_path / "bytes.vnl").write_bytes(b"\xff\xfe")
     with pytest.raises(DamagedFile):
-        calibrate(narrow, tmp_path / "bytes.vnl", replace(stated, pixel_origin=None))
+        calibrate(narrow, [tmp_path / "bytes.vnl"], replace(stated, pixel_origin=None))
     np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points * 1.2})
     with pytest.raises(UsageError, match=r"points 1\.8 mm apart, that of the stage 1\.5 mm"):
-        calibrate(narrow, tmp_path / "seen.npz", stated)
+        calibrate(narrow, [tmp_path / "seen.npz"], stated)
 
 
 @pytest.mark.parametrize(
