@@ -182,7 +182,7 @@ class TargetLight:
         """This light, whatever the wavelength: nothing here has a colour."""
         return self
 
-    def seen(self, sight: Footprints) -> np.ndarray:
+    def uniform(self, sight: Footprints) -> np.ndarray:
         """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Footprints.judged`."""
         return sight.judged(self._flat, self._solids, self._background)
 

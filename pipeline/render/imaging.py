@@ -38,7 +38,7 @@ _LEVEL = 1
 class Scene(Protocol):
     """Everything before a camera at one wavelength of an image, such as `glow.TargetLight`."""
 
-    def seen(self, sight: Footprints, /) -> np.ndarray:
+    def uniform(self, sight: Footprints, /) -> np.ndarray:
         """Colour of both parts of each pixel, (2, n); NaN where it must be sampled."""
         ...
 
@@ -190,7 +190,7 @@ def pictures(
 def colours(band: Band, scenes: Sequence[Scene]) -> np.ndarray:
     """Colour of both parts of each pixel, (scenes, 2, n); NaN where it must be sampled."""
     sight = Footprints(band)
-    return np.array([scene.seen(sight) for scene in scenes])
+    return np.array([scene.uniform(sight) for scene in scenes])
 
 
 def sampled(

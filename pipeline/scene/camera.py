@@ -32,7 +32,7 @@ from pipeline.scene.sensor import (
 from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.temperature import growth_of, larger_array, mount_growth
 from pipeline.scene.usd.poses import camera_name
-from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, place, problem, warning
+from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem, warning, written_at
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import fields_of, need, read, target, target_paths
 from pipeline.scene.windows import behind_fixed, check_windows
@@ -53,7 +53,7 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
     lens = target(prim, "plen:camera:lens", "PlenLens")
     sensor = target(prim, "plen:camera:sensor", "PlenSensor")
     name, model = need(lens, "plen:name") or lens.GetName(), need(prim, _MODEL)
-    file, line = place(prim)
+    file, line = written_at(prim)
     return CameraEntry(
         name=camera_name(prim, root),
         prim_path=str(prim.GetPath()),
@@ -163,9 +163,9 @@ def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator
     array_mm = sensor_mm - (read(camera, "plen:camera:microlensDistance") or 0.0)
     if array_mm <= last_mm:
         is_sensor = sensor_mm <= last_mm
-        what, behind_mm = ("sensor", sensor_mm) if is_sensor else ("microlens array", array_mm)
+        part, behind_mm = ("sensor", sensor_mm) if is_sensor else ("microlens array", array_mm)
         message = (
-            f"the {what} is {behind_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
+            f"the {part} is {behind_mm:.6g} mm behind the stop, inside the lens, whose last vertex is"
             f" {last_mm:.6g} mm behind it"
         )
         attribute = camera.GetAttribute(_SENSOR if is_sensor else "plen:camera:microlensDistance")
@@ -189,9 +189,9 @@ def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
     sensor, focus = camera.GetAttribute(_SENSOR), camera.GetAttribute(_FOCUS)
     if groups := read(camera, _GROUPS):
         lens = target(camera, "plen:camera:lens", "PlenLens")
-        known = [group.GetName() for group in lens_groups(lens)] if lens else groups
-        for name in [name for name in groups if name not in known]:
-            hint = did_you_mean(name, known) or f"its groups: {', '.join(known) or 'none'}"
+        names = [group.GetName() for group in lens_groups(lens)] if lens else groups
+        for name in [name for name in groups if name not in names]:
+            hint = did_you_mean(name, names) or f"its groups: {', '.join(names) or 'none'}"
             message = f'"{name}" is no PlenLensGroup of the lens'
             yield problem(camera.GetAttribute(_GROUPS), "focus-groups", message, hint=hint)
     elif sensor.HasAuthoredValue() and focus.HasAuthoredValue():
@@ -230,8 +230,8 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(name), "out-of-reach", error.message, hint=error.hint)
         return
     except ArithmeticError:
-        what = "the lens has no first-order figures: it bends no light"
-        yield problem(camera.GetAttribute(name), "out-of-reach", what)
+        message = "the lens has no first-order figures: it bends no light"
+        yield problem(camera.GetAttribute(name), "out-of-reach", message)
         return
     except PipelineError as error:  # an afocal lens
         yield of_reader(_blamed(camera, error), error)

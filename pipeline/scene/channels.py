@@ -154,9 +154,9 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
         return
     prims = channel_prims(channel.GetParent())
     named = [colour_of(prim.GetName()) or prim.GetName().casefold() for prim in prims]
-    place = prims.index(channel) if channel in prims else 0
-    if named[place] in named[:place]:  # files are named by channels, and by their colours
-        message = f'two channels of a sensor share the name "{named[place]}"'
+    index = prims.index(channel) if channel in prims else 0
+    if named[index] in named[:index]:  # files are named by channels, and by their colours
+        message = f'two channels of a sensor share the name "{named[index]}"'
         yield problem(channel, "name-collision", message, hint="rename one of the prims")
     table, name = read(channel, "plen:wavelengths"), read(channel, "plen:sensitivity")
     response = read(channel, "plen:response")

@@ -10,7 +10,7 @@ from pxr import Sdf, Usd
 
 from pipeline.edits import Edit
 from pipeline.scene.usd.opening import open_stage
-from pipeline.scene.usd.problems import place, shown_path, specs
+from pipeline.scene.usd.problems import shown_path, specs, written_at
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, text_map
 from pipeline.scene.usd.values import plain
 
@@ -60,28 +60,28 @@ def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
         time_code = float(time) if time else None
         changed.append(Edit(at=path, field=field or None, time=time_code, old=old.get(key), new=new.get(key)))
     edits: list[Edit] = []
-    wholes: list[tuple[str, str | None]] = []  # prims that came or went; arcs, with the file that names them
+    causes: list[tuple[str, str | None]] = []  # prims that came or went; arcs, with the file that names them
     for edit in sorted(changed, key=_order):
-        place_of_edit = _place(stage, edit)
-        if any(is_below(edit.at, whole) and place_of_edit[0] != file_of_arc for whole, file_of_arc in wholes):
+        named_file, line = _written_at(stage, edit)
+        if any(is_below(edit.at, cause) and named_file != file_of_arc for cause, file_of_arc in causes):
             continue
-        if _is_whole(edit):
-            wholes.append((edit.at, place_of_edit[0] if edit.field else None))
-        edits.append(replace(edit, file=place_of_edit[0], line=place_of_edit[1]))
+        if _is_cause(edit):
+            causes.append((edit.at, named_file if edit.field else None))
+        edits.append(replace(edit, file=named_file, line=line))
     return edits
 
 
-def _is_whole(edit: Edit) -> bool:
+def _is_cause(edit: Edit) -> bool:
     """Whether other edits follow from one: of an arc, or of a prim that came or went."""
     return edit.field in _ARCS if edit.field else "." not in edit.at and None in (edit.old, edit.new)
 
 
 def _order(edit: Edit) -> tuple[bool, str, bool, str, float]:
     """Whole prims and arcs first, an arc before the prims that come with it; samples by their time."""
-    return not _is_whole(edit), edit.at, edit.field is None, edit.field or "", edit.time or 0.0
+    return not _is_cause(edit), edit.at, edit.field is None, edit.field or "", edit.time or 0.0
 
 
-def _place(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
+def _written_at(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
     """File and line of a statement; of one that is gone those of the prim that held it."""
     if edit.at == "/":
         root = stage.GetRootLayer().realPath
@@ -91,18 +91,18 @@ def _place(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
         holder = Sdf.Path(edit.at).GetPrimPath()
         while not stage.GetPrimAtPath(holder):
             holder = holder.GetParentPath()
-        return place(stage.GetPrimAtPath(holder))
+        return written_at(stage.GetPrimAtPath(holder))
     for spec in specs(thing):
         if edit.field and spec.layer.realPath and spec.HasInfo(edit.field):
             file = spec.layer.realPath
             assets = [text_map(file).assets.get(asset) for asset in re.findall("@([^@]+)@", str(edit.new))]
             return shown_path(file), assets[0] if len(assets) == 1 and assets[0] else line_of(file, str(spec.path))
-    return place(thing, edit.time)
+    return written_at(thing, edit.time)
 
 
-def is_below(path: str, whole: str) -> bool:
+def is_below(path: str, above: str) -> bool:
     """Whether a path is that of a whole or of something in it."""
-    return whole in ("/", path) or path.startswith((f"{whole}/", f"{whole}."))
+    return above in ("/", path) or path.startswith((f"{above}/", f"{above}."))
 
 
 def _json(value: Any) -> Any:

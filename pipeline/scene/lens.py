@@ -229,8 +229,8 @@ def check_surfaces(lens: Usd.Prim) -> Iterator[Problem]:
         except PrescriptionError as error:
             attribute = _BLAMED.get(error.code)
             if error.code:
-                place = prim.GetAttribute(attribute) if attribute else prim
-                yield problem(place, error.code, error.message, hint=error.hint)
+                at = prim.GetAttribute(attribute) if attribute else prim
+                yield problem(at, error.code, error.message, hint=error.hint)
         else:
             sag, radius_mm = surfaces[prim].sag_mm(surfaces[prim].semi_diameter_mm), surfaces[prim].semi_diameter_mm
             if not abs(sag) <= _STEEPEST * radius_mm:

@@ -73,21 +73,21 @@ def load(
     `later` when asked, by `doubts`, which holds the stage: while it lives, edits of its files are not seen.
     """
     allow_roots = tuple(allow_roots)
-    for what, place in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
-        if flaw := flaw_of(Path(place)):
-            raise UsageError(f"{what} {flaw}", hint="give it another name")
+    for words, folder in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
+        if flaw := flaw_of(Path(folder)):
+            raise UsageError(f"{words} {flaw}", hint="give it another name")
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:
         stage, problems = open_stage(path)
         if wrong := list(check_numbers(stage, scene_reader().third_party_layers(stage))):
             return _refused(problems + wrong)
-        wrong, others = check_instances(stage)
+        wrong, third_party = check_instances(stage)
         if wrong:
             return _refused(problems + wrong)
         if root := find_dataset(stage):
             problems += scene_reader().write_out(stage, frame_numbers(root))
         notes_of(stage).folders = roots = allowed_roots(Path(path), allow_roots)
-        loaded = _read(stage, look, [*others.settled(problems), *check(stage, roots, others)])
+        loaded = _read(stage, look, [*third_party.settled(problems), *check(stage, roots, third_party)])
         return loaded if later else replace(loaded, doubts=list)
     except StageError as error:
         return _refused(error.problems)

@@ -82,8 +82,8 @@ def _read_absorption(surface: Usd.Prim, lens: Usd.Prim) -> Absorption | None:
     is_written = surface.GetAttribute("plen:internalTransmittance").HasAuthoredValue()
     if wavelengths_nm or values:
         if is_written:
-            what = "an internal transmittance is stated once for all wavelengths and by wavelength"
-            raise GlassError(what, hint="keep one of the two", code=BAD_ABSORPTION)
+            message = "an internal transmittance is stated once for all wavelengths and by wavelength"
+            raise GlassError(message, hint="keep one of the two", code=BAD_ABSORPTION)
         return stated(wavelengths_nm, values, need(surface, "plen:internalTransmittanceThickness"))
     is_printed = need(lens, "plen:transmittanceSource") == "printed"
     return None if is_printed or is_written else measured(medium_behind(surface, lens))
@@ -122,8 +122,8 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
             table = surface.GetAttribute("plen:internalTransmittanceWavelengths")
             if error.code == "wavelength-out-of-range" and table.HasAuthoredValue():
                 attribute = table
-            place = attribute if attribute.HasAuthoredValue() else surface
-            yield problem(place, error.code, error.message, hint=error.hint)
+            at = attribute if attribute.HasAuthoredValue() else surface
+            yield problem(at, error.code, error.message, hint=error.hint)
         else:
             yield from _check_covered(surface, coating, seen_nm)
 
@@ -138,13 +138,13 @@ def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     if not any(tables):
         return
     table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])
-    way = front_grid(table, GRID) - film_mm
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
-    met = steepest_deg(table, np.tile(film_mm, (len(way), 1)), way)[::-1]
+    direction = front_grid(table, GRID) - film_mm
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    met = steepest_deg(table, np.tile(film_mm, (len(direction), 1)), direction)[::-1]
     for surface, angles_deg, met_deg in zip(surfaces, tables, met, strict=True):
         if angles_deg and met_deg > angles_deg[-1] + _SLACK_DEG:
-            what = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
-            yield _short(surface, "plen:coatingAngles", f"{what} up to {met_deg:.2f}")
+            message = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
+            yield _short(surface, "plen:coatingAngles", f"{message} up to {met_deg:.2f}")
 
 
 def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[float]) -> Iterator[Problem]:
@@ -152,13 +152,13 @@ def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[fl
     table_nm = coating.wavelengths_nm
     outside = [nm for nm in seen_nm if not table_nm[0] <= nm <= table_nm[-1]] if table_nm else []
     if outside:
-        what = f"the table of the coating covers {table_nm[0]:.7g} to {table_nm[-1]:.7g} nm, and the camera sees"
-        yield _short(surface, "plen:coatingWavelengths", f"{what} {', '.join(f'{nm:.5g}' for nm in outside)} nm")
+        message = f"the table of the coating covers {table_nm[0]:.7g} to {table_nm[-1]:.7g} nm, and the camera sees"
+        yield _short(surface, "plen:coatingWavelengths", f"{message} {', '.join(f'{nm:.5g}' for nm in outside)} nm")
     if seen_nm and coating.angles_deg and coating.angles_deg[0] > 0:
-        what = f"the table of the coating starts at {coating.angles_deg[0]:g} degrees, and light of the axis comes at 0"
-        yield _short(surface, "plen:coatingAngles", what)
+        message = f"the table of the coating starts at {coating.angles_deg[0]:g} degrees"
+        yield _short(surface, "plen:coatingAngles", f"{message}, and light of the axis comes at 0")
 
 
-def _short(surface: Usd.Prim, name: str, what: str) -> Problem:
+def _short(surface: Usd.Prim, name: str, message: str) -> Problem:
     hint = "the last value counts beyond the end: add entries if that is wrong"
-    return warning(surface.GetAttribute(name), "coating-range", what, hint=hint)
+    return warning(surface.GetAttribute(name), "coating-range", message, hint=hint)

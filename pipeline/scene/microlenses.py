@@ -98,8 +98,8 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
     width, height, columns, rows = (array.GetAttribute(f"plen:{name}").HasAuthoredValue() for name in names)
     if (width or height) and (columns or rows):
         message = '"plen:width" and "plen:height" state the size of the array, and so do "plen:columns" and "plen:rows"'
-        place = array.GetAttribute("plen:columns" if columns else "plen:rows")
-        yield problem(place, "array-extent", message, hint="keep one pair of them")
+        at = array.GetAttribute("plen:columns" if columns else "plen:rows")
+        yield problem(at, "array-extent", message, hint="keep one pair of them")
     elif not (width and height) and not (columns and rows):
         message = f'{array.GetTypeName()} needs "plen:width" and "plen:height", or "plen:columns" and "plen:rows"'
         yield problem(array, "array-extent", message, hint="width and height count mm, columns and rows microlenses")
@@ -117,8 +117,8 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
         if count != 1 and (count != 3 or square):
             where = "square" if square else "hexagonal"
             message = f"{count} microlens types on a {where} lattice, and no rule which lens has which"
-            known = "1 type" if square else "1 type, and 3"
-            hint = f"there are rules for {known}; else write plen:typeTable and plen:typePeriod"
+            rules = "1 type" if square else "1 type, and 3"
+            hint = f"there are rules for {rules}; else write plen:typeTable and plen:typePeriod"
             if count == 2:
                 both = ("[0, 1, 1, 0]", "(2, 2)") if square else ("[0, 1]", "(1, 2)")
                 how = "a checkerboard" if square else "rows in turn"
@@ -131,8 +131,8 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
         yield problem(table, "microlens-types", message, hint=f"write {along * across}, those of l = 0 first")
     elif differing := set(values) ^ set(range(count)):
         beyond = [kind for kind in differing if not 0 <= kind < count]
-        what = f"names type {min(beyond)}" if beyond else f"leaves out type {min(differing)}"
-        yield problem(table, "microlens-types", f'"plen:typeTable" {what} of {count} types, counted from 0')
+        fault = f"names type {min(beyond)}" if beyond else f"leaves out type {min(differing)}"
+        yield problem(table, "microlens-types", f'"plen:typeTable" {fault} of {count} types, counted from 0')
 
 
 def _check_index(array: Usd.Prim) -> Iterator[Problem]:

@@ -36,15 +36,15 @@ from pipeline.targets.mesh import Occluder
 def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
     stage = root.GetStage()
-    wholes = targets(root, "plen:occluders", "Imageable")
-    below = (prim for whole in wholes for prim in Usd.PrimRange(whole) if prim == whole or is_in_images(prim))
+    tops = targets(root, "plen:occluders", "Imageable")
+    below = (prim for top in tops for prim in Usd.PrimRange(top) if prim == top or is_in_images(prim))
     named = dict.fromkeys(prim for prim in below if is_drawn(prim))
     if not scene_reader().is_lit(stage):
         return list(named)
     meshed = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
     taken = {mesh for prim in meshed for mesh in targets(prim, "plen:mesh", "Mesh")}
-    others = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
-    return list(named) + [prim for prim in others if is_in_images(prim) and not is_preview(prim)]
+    unnamed = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
+    return list(named) + [prim for prim in unnamed if is_in_images(prim) and not is_preview(prim)]
 
 
 @read_once
@@ -147,13 +147,13 @@ def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> flo
     part = _cut(_cut(triangle, ends_mm[0], 1.0), ends_mm[1], -1.0)[:, :2]
     if not len(part):
         return np.inf
-    way = np.roll(part, -1, axis=0) - part
-    length = np.maximum(np.sum(way**2, axis=1), 1e-300)
-    share = np.clip(-np.sum(part * way, axis=1) / length, 0.0, 1.0)
-    side = part[:, 0] * way[:, 1] - part[:, 1] * way[:, 0]
+    edge = np.roll(part, -1, axis=0) - part
+    length = np.maximum(np.sum(edge**2, axis=1), 1e-300)
+    share = np.clip(-np.sum(part * edge, axis=1) / length, 0.0, 1.0)
+    side = part[:, 0] * edge[:, 1] - part[:, 1] * edge[:, 0]
     if (side > 0).all() or (side < 0).all():
         return 0.0
-    return float(np.hypot(*(part + share[:, None] * way).T).min())
+    return float(np.hypot(*(part + share[:, None] * edge).T).min())
 
 
 def _cut(polygon: np.ndarray, height_mm: float, sign: float) -> np.ndarray:

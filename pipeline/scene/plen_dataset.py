@@ -220,21 +220,21 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
 def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
     named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
     named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
-    seen: dict[tuple[str, str], tuple[str, str]] = {}
-    for name, prim, what in named:
+    taken: dict[tuple[str, str], tuple[str, str]] = {}
+    for name, prim, kind in named:
         # Names become file names, and some file systems do not distinguish Rig from rig, or two encodings of an
         # umlaut.
-        key = (what, unicodedata.normalize("NFC", name).casefold())
-        if key in seen:
-            other, path = seen[key]
-            message = f'two {what} would share the name "{name}": <{path}> and <{prim.GetPath()}>'
+        key = (kind, unicodedata.normalize("NFC", name).casefold())
+        if key in taken:
+            other, path = taken[key]
+            message = f'two {kind} would share the name "{name}": <{path}> and <{prim.GetPath()}>'
             hint = "rename one of the prims"
             if other != name:
                 hint += "; some file systems do not distinguish such names, and files are named by them"
             yield problem(prim, "name-collision", message, hint=hint)
-        seen.setdefault(key, (name, str(prim.GetPath())))
+        taken.setdefault(key, (name, str(prim.GetPath())))
         if len(name.encode()) > LONGEST_NAME:
-            message = f"the name of one of the {what}, {shortened(name)}, has {len(name.encode())} bytes"
+            message = f"the name of one of the {kind}, {shortened(name)}, has {len(name.encode())} bytes"
             hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"
             yield problem(prim, "long-name", message, hint=hint)
 
@@ -318,43 +318,44 @@ def _read_exports(root: Usd.Prim) -> AskedExports:
 def check_exports(root: Usd.Prim) -> Iterator[Problem]:
     """Problems of the formats that a dataset names."""
     asked = read(root, _ASKED) or ()
-    place = root.GetAttribute(_ASKED)
+    attribute = root.GetAttribute(_ASKED)
     for name in [name for name, count in Counter(asked).items() if count > 1]:
-        yield problem(place, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
+        yield problem(attribute, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
     cameras = targets(root, "plen:cameras", "Camera")
     for name in dict.fromkeys(asked):
         try:
             wanted = format_of(name)
         except ExportError as error:
-            yield problem(place, error.code, error.message, hint=error.hint)
+            yield problem(attribute, error.code, error.message, hint=error.hint)
             continue
         taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
         if cameras and not taken:
             kind = "conventional" if _is_plenoptic(cameras[0]) else "plenoptic"
-            others = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
+            fitting = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
-            yield problem(place, "export-cameras", message, hint=f"formats for its cameras: {', '.join(others)}")
+            yield problem(attribute, "export-cameras", message, hint=f"formats for its cameras: {', '.join(fitting)}")
         elif sum(map(images_of, taken)) < wanted.least_cameras:
             message = f'"{name}" relates cameras to each other, and the dataset has one'
-            yield problem(place, "export-cameras", message, hint="take it out, or add a camera")
+            yield problem(attribute, "export-cameras", message, hint="take it out, or add a camera")
         yield from _check_targets(root, name, wanted)
         yield from _check_position(root, name, taken)
 
 
 def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
-    prims, place = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
+    prims, attribute = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
     if wanted.targets is Targets.ANY:
         return
     if len(prims) > 1:
         message = f'"{name}" describes one target, and the dataset has {len(prims)}'
-        yield problem(place, "export-targets", message, hint=f"`pipeline export {name} OUT --only TARGET` takes one")
+        hint = f"`pipeline export {name} OUT --only TARGET` takes one"
+        yield problem(attribute, "export-targets", message, hint=hint)
         return
     board = prims[0] if prims and wanted.targets is Targets.BOARD else None
     counts = [read(board, axis) or 0 for axis in ("plen:columns", "plen:rows")] if board else []
     if board and not (board.GetTypeName() in _GRIDS and min(counts) > 1 and not read(board, "plen:asymmetric")):
         message = f'"{name}" describes boards whose points form a grid, and {prims[0].GetName()} has none'
         hint = "checkerboards, ChArUco boards and symmetric circle grids have one, of two columns and rows at least"
-        yield problem(place, "export-targets", message, hint=hint)
+        yield problem(attribute, "export-targets", message, hint=hint)
 
 
 def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Iterator[Problem]:

@@ -75,8 +75,8 @@ def read_colorimetry(sensor: Usd.Prim, illuminant: str) -> tuple[Colorimetry, ..
     if not set(PRIMARIES) <= channels.keys():
         return ()
     responses = [response_of(channels[colour]) for colour in PRIMARIES]
-    seen = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
-    return tuple(colours for colours in seen if colours and seen[0])
+    in_lights = [colorimetry(responses, light) for light in dict.fromkeys((illuminant, DAYLIGHT))]
+    return tuple(colours for colours in in_lights if colours and in_lights[0])
 
 
 def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:

@@ -117,10 +117,10 @@ def motions_before(
         return inverse(camera_from_world(camera, times, unit_mm))
 
     targets = {prim.GetName(): before(prim, world_from) for prim in boards}
-    others = {str(prim.GetPath()): before(prim, reader) for prim, reader in things.items()}
+    of_things = {str(prim.GetPath()): before(prim, reader) for prim, reader in things.items()}
     return Motions(
         targets={name: motion for name, motion in targets.items() if motion is not None},
-        things={path: motion for path, motion in others.items() if motion is not None},
+        things={path: motion for path, motion in of_things.items() if motion is not None},
         camera=_motion(camera, shutter, [camera], world_from_vision, number),
     )
 
@@ -231,12 +231,12 @@ def _standing(
     numbers, opens, ends = frames
     before = (np.array(numbers) > first - 1) & (opens < first)
     after = (np.array(numbers) < last + 1) & (ends > last)
-    for some, word, sample, open_ in ((before, "before", first, "earlier"), (after, "after", last, "later")):
-        if some.any():
+    for missed, word, sample, open_ in ((before, "before", first, "earlier"), (after, "after", last, "later")):
+        if missed.any():
             message = f"<{link.GetPath()}> has no sample {word} {sample:g}, and the shutter is open {open_}"
-            hint = f"it stands still then, in {_frames(numbers, some)}: write one more sample"
+            hint = f"it stands still then, in {_frames(numbers, missed)}: write one more sample"
             yield warning(link, "motion-ends", message, hint=hint)
 
 
-def _frames(numbers: Sequence[int], some: np.ndarray) -> str:
-    return frames_in_words([number for number, is_one in zip(numbers, some, strict=True) if is_one])
+def _frames(numbers: Sequence[int], chosen: np.ndarray) -> str:
+    return frames_in_words([number for number, is_one in zip(numbers, chosen, strict=True) if is_one])

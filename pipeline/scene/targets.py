@@ -65,14 +65,14 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
     )
 
 
-def _spectrum(prim: Usd.Prim, what: str) -> Spectrum:
-    if patch := need(prim, f"plen:{what}:patch"):
+def _spectrum(prim: Usd.Prim, part: str) -> Spectrum:
+    if patch := need(prim, f"plen:{part}:patch"):
         from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
 
         wavelengths, values = reflectance(patch)
         return Spectrum(wavelengths_nm=tuple(wavelengths.tolist()), reflectance=tuple(values.tolist()))
     return Spectrum(
-        wavelengths_nm=need(prim, f"plen:{what}:wavelengths"), reflectance=need(prim, f"plen:{what}:reflectance")
+        wavelengths_nm=need(prim, f"plen:{part}:wavelengths"), reflectance=need(prim, f"plen:{part}:reflectance")
     )
 
 
@@ -158,37 +158,37 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
-    for what in ("ink", "paper"):
-        yield from _check_patch(prim, what)
-        table, values = (read(prim, f"plen:{what}:{name}") or () for name in ("wavelengths", "reflectance"))
-        place = prim.GetAttribute(f"plen:{what}:wavelengths")
+    for part in ("ink", "paper"):
+        yield from _check_patch(prim, part)
+        table, values = (read(prim, f"plen:{part}:{name}") or () for name in ("wavelengths", "reflectance"))
+        attribute = prim.GetAttribute(f"plen:{part}:wavelengths")
         if len(table) != len(values):
-            message = f"the {what} has {len(table)} wavelengths and {len(values)} reflectances"
-            yield problem(place, "spectrum", message, hint="one reflectance for each wavelength")
+            message = f"the {part} has {len(table)} wavelengths and {len(values)} reflectances"
+            yield problem(attribute, "spectrum", message, hint="one reflectance for each wavelength")
         elif any(a >= b for a, b in pairwise(table)):
-            yield problem(place, "spectrum", f"the wavelengths of the {what} do not ascend", hint="sort them")
+            yield problem(attribute, "spectrum", f"the wavelengths of the {part} do not ascend", hint="sort them")
         elif table and prim.IsA("PlenMeshTarget"):
-            message = f"a mesh has colours of its own, and the {what} a spectrum"
-            yield problem(place, "not-yet-supported", message, hint="leave the spectrum out")
+            message = f"a mesh has colours of its own, and the {part} a spectrum"
+            yield problem(attribute, "not-yet-supported", message, hint="leave the spectrum out")
 
 
-def _check_patch(prim: Usd.Prim, what: str) -> Iterator[Problem]:
-    patch, place = read(prim, f"plen:{what}:patch"), prim.GetAttribute(f"plen:{what}:patch")
+def _check_patch(prim: Usd.Prim, part: str) -> Iterator[Problem]:
+    patch, attribute = read(prim, f"plen:{part}:patch"), prim.GetAttribute(f"plen:{part}:patch")
     if not patch:
         return
-    if read(prim, f"plen:{what}:wavelengths") or read(prim, f"plen:{what}:reflectance"):
-        message, hint = f"the {what} has a patch and a table", f'either "plen:{what}:patch" or a table'
-        yield problem(place, "spectrum", message, hint=hint)
+    if read(prim, f"plen:{part}:wavelengths") or read(prim, f"plen:{part}:reflectance"):
+        message, hint = f"the {part} has a patch and a table", f'either "plen:{part}:patch" or a table'
+        yield problem(attribute, "spectrum", message, hint=hint)
     elif prim.IsA("PlenMeshTarget"):
-        message = f"a mesh has colours of its own, and the {what} a patch"
-        yield problem(place, "not-yet-supported", message, hint="leave the patch out")
+        message = f"a mesh has colours of its own, and the {part} a patch"
+        yield problem(attribute, "not-yet-supported", message, hint="leave the patch out")
     else:
         from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
 
         try:
             reflectance(patch)
         except SpectrumError as error:
-            yield problem(place, error.code, error.message, hint=error.hint)
+            yield problem(attribute, error.code, error.message, hint=error.hint)
 
 
 def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:

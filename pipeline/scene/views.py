@@ -97,8 +97,8 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
             continue
         try:
             for doubt in doubts(camera):
-                place = _blamed(prim, camera, doubt.part)
-                yield warning(place, doubt.code, doubt.message, hint=doubt.hint)
+                at = _blamed(prim, camera, doubt.part)
+                yield warning(at, doubt.code, doubt.message, hint=doubt.hint)
         except CameraError as error:
             yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.message, hint=error.hint)
         except ArithmeticError:
@@ -157,21 +157,21 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
     fate = outlooks.fate
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
-            seen = np.flatnonzero(fate[index] == Fate.SEEN)
-            if not len(seen):
+            visible = np.flatnonzero(fate[index] == Fate.SEEN)
+            if not len(visible):
                 continue
-            before = pupil_points_mm(camera), places[index, seen]
+            before = pupil_points_mm(camera), places[index, visible]
             around = surroundings(dataset, frames[index], name, before=before)
-            hidden = _hidden(around, camera, number, places[index, seen], fronts[index, seen])
-            fate[index, seen[hidden]] = HIDDEN
+            hidden = _hidden(around, camera, number, places[index, visible], fronts[index, visible])
+            fate[index, visible[hidden]] = HIDDEN
     spacing = np.full(len(frames), np.inf)
     for index in range(len(frames)):
-        seen = fate[index] == Fate.SEEN
-        if seen.any():
-            alike = (places[index, seen & (kinds == kind)] for kind in set(kinds[seen]))
+        visible = fate[index] == Fate.SEEN
+        if visible.any():
+            alike = (places[index, visible & (kinds == kind)] for kind in set(kinds[visible]))
             spacing[index] = max(_spacing_px(view, points) for points in alike)
-            if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, seen]) / widest):
-                fate[index, seen] = MERGED
+            if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, visible]) / widest):
+                fate[index, visible] = MERGED
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
     missed = [row[(row != Fate.SEEN) & ((row != Fate.AWAY) | (row != Fate.SEEN).all())] for row in fate]
     fates = [Counter(row.tolist()).most_common(1)[0][0] if len(row) else None for row in missed]
@@ -182,10 +182,10 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     """Paraxial distance of neighbouring points [px] in the image, or in a micro-image; infinite for fewer than two."""
     if len(points_mm) < 2:
         return float("inf")
-    some = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
+    sample = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
     across = slice(3 if is_steep(camera.prescription, points_mm).any() else 2)  # beside the lens, z is no depth
-    apart = np.linalg.norm(points_mm[some, None, across] - points_mm[None, :, across], axis=2)
-    apart[np.arange(len(some)), some] = np.inf
+    apart = np.linalg.norm(points_mm[sample, None, across] - points_mm[None, :, across], axis=2)
+    apart[np.arange(len(sample)), sample] = np.inf
     spacing_mm, z_mm = float(np.median(apart.min(axis=1))), np.mean(depths_mm(camera.prescription, points_mm))
     if camera.microlenses:
         return spacing_mm * float(behind_microlenses_px(camera, camera.microlenses, z_mm[None])[1][0])
@@ -225,10 +225,10 @@ def _hidden(
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
     hidden &= ~is_steep(camera.prescription, points_mm)  # who decides that is the build
     for pupil in pupil_points_mm(camera) if hidden.any() else ():
-        way = points_mm - pupil
-        way *= np.sign(way[:, 2:]) / np.linalg.norm(way, axis=1, keepdims=True)
-        start = points_mm + ((front_mm - points_mm[:, 2]) / way[:, 2])[:, None] * way
-        hidden &= surroundings.hides(number, points_mm, front, start, way)
+        direction = points_mm - pupil
+        direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
+        start = points_mm + ((front_mm - points_mm[:, 2]) / direction[:, 2])[:, None] * direction
+        hidden &= surroundings.hides(number, points_mm, front, start, direction)
     return hidden
 
 

@@ -124,7 +124,7 @@ def scene_medium(stage: Usd.Stage) -> Medium:
     name = need(root, "plen:medium")
     if name not in FLUIDS:
         return row.medium(glass=name, index=None, abbe=None, wavelength_nm=1e3 * D_UM)
-    conditions = (need(root, f"plen:medium:{what}") for what in ("temperature", "pressure", "salinity"))
+    conditions = (need(root, f"plen:medium:{condition}") for condition in ("temperature", "pressure", "salinity"))
     return fluid(name, *conditions)
 
 
@@ -201,8 +201,8 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
     except UnreadableValue:
         return  # reported where the value is checked
     name = need(root, "plen:medium")
-    for what, media in _CONDITIONS:
-        attribute = root.GetAttribute(f"plen:medium:{what}")
+    for condition, media in _CONDITIONS:
+        attribute = root.GetAttribute(f"plen:medium:{condition}")
         if attribute.HasAuthoredValue() and name not in media:
             message = f'"{attribute.GetName()}" has no effect with "plen:medium" = "{name}"'
             yield warning(attribute, "unused-value", message, hint="remove it")

@@ -109,8 +109,8 @@ def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> 
 def _placed(patch: Patch, xy: np.ndarray) -> np.ndarray:
     """Points of the chart on the surface, patch frame (n, 3)."""
     if patch.kind in (PLANE, CYLINDER):
-        return patch.place(xy)[0]
-    # `place` would compile a kernel for height maps.
+        return patch.surface_at(xy)[0]
+    # `surface_at` would compile a kernel for height maps.
     across, down, half_x, half_y, *rest = patch.shape.tolist()
     x, y = xy.T
     if across == 0:

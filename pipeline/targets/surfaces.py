@@ -50,7 +50,7 @@ class Patch:
         nx, ny = self._cells()
         x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
         u, v = np.meshgrid(np.linspace(-x, x, nx + 1), np.linspace(y, -y, ny + 1))
-        points, _, _ = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        points, _, _ = self.surface_at(np.stack([u.ravel(), v.ravel()], axis=1))
         corner = np.arange(points.shape[0]).reshape(ny + 1, nx + 1)
         a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
         # Top left, bottom left, bottom right; top left, bottom right, top right.
@@ -81,10 +81,10 @@ class Patch:
             return 1 / abs(float(self.shape[0]))
         x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
         u, v = np.meshgrid(np.linspace(-x, x, 101), np.linspace(-y, y, 101))
-        _, _, bent = self.place(np.stack([u.ravel(), v.ravel()], axis=1))
+        _, _, bent = self.surface_at(np.stack([u.ravel(), v.ravel()], axis=1))
         return float(np.max(bent))
 
-    def place(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def surface_at(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Place points of the chart on the surface, patch frame.
 
         Returns positions (n, 3) [mm]; axes (n, 3, 3), columns: x and y of the chart on the surface made orthonormal,
@@ -105,7 +105,7 @@ class Patch:
 
     def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
         """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` from
-        `place`.
+        `surface_at`.
 
         Patch frame. A cylinder is rolled without stretching; height maps keep x and y of the chart.
         """

@@ -61,7 +61,7 @@ def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
     marks = pattern.marks()
     n = len(marks.xy_mm)
     turn = patch.target_from_patch[:3, :3]
-    points, axes, curvature = patch.place(marks.xy_mm)
+    points, axes, curvature = patch.surface_at(marks.xy_mm)
     is_flat = patch.kind == PLANE
     position = apply(patch.target_from_patch, points)
     turned = turn @ axes

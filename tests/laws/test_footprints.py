@@ -64,7 +64,7 @@ def extremes(rig: Rig, light: TargetLight) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seen(rig: Rig, light: TargetLight) -> np.ndarray:
-    return light.seen(Footprints(Band.of(rig, ROWS)))
+    return light.uniform(Footprints(Band.of(rig, ROWS)))
 
 
 @pytest.mark.parametrize("seed", one_in(4, range(SCENES)))

@@ -290,7 +290,7 @@ def test_a_bump_of_a_measured_board_hides_what_lies_behind_it() -> None:
     for point in target.points().position_mm[facing]:
         line = point + np.linspace(1e-3, 0.2, 400)[:, None] * (eye - point)
         line = line[(np.abs(line[:, :2]) < [30.0, 12.0]).all(axis=1)]
-        gaps.append((line[:, 2] - patch.place(line[:, :2])[0][:, 2]).min())
+        gaps.append((line[:, 2] - patch.surface_at(line[:, :2])[0][:, 2]).min())
     clear = np.abs(gaps) > 1e-2  # the line is sampled every 0.2 mm
     assert np.array_equal(share[clear], (np.array(gaps) > 0)[clear].astype(float))
     assert np.sum(share == 0) > 5 < np.sum(share == 1) and clear.sum() > len(clear) - 5

@@ -198,7 +198,7 @@ def test_edges_run_along_the_surface(surface):
         xy, direction = pattern.marks().xy_mm, corner_edges(pattern.drawing, pattern.marks().xy_mm)
         for k in range(2):
             along = step * np.stack([np.cos(direction[:, k]), np.sin(direction[:, k])], axis=1)
-            chord = patch.place(xy + along)[0] - patch.place(xy - along)[0]
+            chord = patch.surface_at(xy + along)[0] - patch.surface_at(xy - along)[0]
             moved.append(chord @ patch.target_from_patch[:3, :3].T)
     chords = np.stack([np.concatenate(moved[0::2]), np.concatenate(moved[1::2])], axis=1)
     assert edges == pytest.approx(chords / np.linalg.norm(chords, axis=2, keepdims=True), abs=1e-7)

@@ -32,11 +32,11 @@ def test_axes_lie_along_the_surface(surface) -> None:
     """Central differences of the surface by the chart span the tangent plane; the normal is out of the front."""
     (patch,) = Target(BOARD, surface).patches()
     xy = RNG.uniform(-1, 1, (50, 2)) * [12.0, 10.0]
-    _, axes, _ = patch.place(xy)
+    _, axes, _ = patch.surface_at(xy)
     assert np.abs(axes.transpose(0, 2, 1) @ axes - np.eye(3)).max() < 1e-14
     h = 1e-5
     for step in ([h, 0.0], [0.0, h]):
-        along = (patch.place(xy + step)[0] - patch.place(xy - step)[0]) / (2 * h)
+        along = (patch.surface_at(xy + step)[0] - patch.surface_at(xy - step)[0]) / (2 * h)
         assert np.abs(np.sum(along * axes[:, :, 2], axis=1)).max() < 1e-9
     assert (np.linalg.det(axes) > 0).all()
     assert (axes[:, 2, 2] > 0).all()
@@ -50,7 +50,7 @@ def test_a_warp_is_the_printed_parabola_over_the_whole_sheet() -> None:
     assert points.nominal_mm[:, 2].tolist() == [0.0] * 30
     # Curvature of the vertex of a parabola, from its two coefficients.
     (patch,) = target.patches()
-    assert patch.place(np.zeros((1, 2)))[2][0] == pytest.approx(2 * 1.5 / 18.0**2, rel=1e-12)
+    assert patch.surface_at(np.zeros((1, 2)))[2][0] == pytest.approx(2 * 1.5 / 18.0**2, rel=1e-12)
 
 
 def test_the_preview_of_a_bent_board_has_the_parabola_and_straight_lines_between_heights() -> None:
@@ -67,7 +67,7 @@ def test_the_preview_of_a_bent_board_has_the_parabola_and_straight_lines_between
 def test_a_height_map_passes_through_its_heights_and_is_exact_for_parabolas() -> None:
     (patch,) = Target(BOARD, MAP).patches()
     x, y = np.meshgrid(np.linspace(-18, 18, 6), np.linspace(16, -16, 5))
-    points, _, _ = patch.place(np.stack([x.ravel(), y.ravel()], axis=1))
+    points, _, _ = patch.surface_at(np.stack([x.ravel(), y.ravel()], axis=1))
     assert points[:, 2] == pytest.approx(MAP.heights_mm, abs=1e-12)
 
     def bowl(x, y):
@@ -76,7 +76,7 @@ def test_a_height_map_passes_through_its_heights_and_is_exact_for_parabolas() ->
     (patch,) = Target(BOARD, HeightMap(resolution=(6, 5), heights_mm=tuple(bowl(x, y).ravel()))).patches()
     # One cell from the edge on, where all sixteen heights are measured ones.
     inner = RNG.uniform(-1, 1, (200, 2)) * [18 * 3 / 5, 16 / 2]
-    points, axes, curvature = patch.place(inner)
+    points, axes, curvature = patch.surface_at(inner)
     assert points[:, 2] == pytest.approx(bowl(*inner.T), abs=1e-12)
     slope = np.stack([0.02 * inner[:, 0] - 0.02 * inner[:, 1] + 0.1, -0.02 * inner[:, 0] + 0.01 * inner[:, 1]], axis=1)
     assert -axes[:, :2, 2] / axes[:, 2:, 2] == pytest.approx(slope, abs=1e-12)
@@ -110,7 +110,7 @@ def test_a_ray_sees_the_colour_of_the_point_that_it_is_aimed_at(surface, tilt_de
             xy[:2000, 0] = 4.0 * RNG.integers(-3, 4, 2000) + 2.0 * (pattern.columns % 2 - 1)
             xy[:2000, 0] += np.where(RNG.uniform(size=2000) < 0.5, -1e-6, 1e-6)
         xy = xy[(np.abs(xy) < half).all(axis=1)]
-        points, axes, _ = patch.place(xy)
+        points, axes, _ = patch.surface_at(xy)
         aims = apply(pose @ patch.target_from_patch, points)
         normals = axes[:, :, 2] @ (pose @ patch.target_from_patch)[:3, :3].T
         start = np.column_stack([RNG.uniform(-5, 5, (len(xy), 2)), np.zeros(len(xy))])
@@ -218,7 +218,7 @@ def test_meshes_are_as_near_to_their_surfaces_as_they_say() -> None:
         if isinstance(surface, Cylinder):
             off = np.abs(np.hypot(middle[:, 0], middle[:, 2] + surface.radius_mm) - abs(surface.radius_mm))
         else:
-            off = np.abs(patch.place(middle[:, :2])[0][:, 2] - middle[:, 2])
+            off = np.abs(patch.surface_at(middle[:, :2])[0][:, 2] - middle[:, 2])
         assert off.max() <= patch.mesh_sag_mm() * (1 + 1e-6) + 1e-12
         assert patch.mesh_sag_mm() <= 1e-4
 
@@ -263,7 +263,7 @@ def test_points_of_a_preview_lie_on_the_picture_where_they_lie_on_their_sheet(su
     for number, patch in enumerate(patches):
         half = np.array([patch.drawing.half_x_mm, patch.drawing.half_y_mm])
         chart = (2 * (sheets[number] * [len(patches), 1] - [number, 0]) - 1) * half
-        there = apply(patch.target_from_patch, patch.place(chart)[0])
+        there = apply(patch.target_from_patch, patch.surface_at(chart)[0])
         np.testing.assert_allclose(points[number], there, rtol=0, atol=1e-9)
         assert np.array_equal(np.unique(chart.round(9), axis=0)[[0, -1]], [-half, half])
 

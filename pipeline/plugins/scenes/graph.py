@@ -99,7 +99,7 @@ def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
         motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
         shutter = shutter_in(entry, frame, in_world=in_world)
         materials = bare.lighting(frame, entry, 0) if isinstance(bare, LitThings) else None
-        whole = LabelsTile(
+        tile = LabelsTile(
             exposure=exposure,
             channels=_label_channels(dataset, entry, frame),
             view=LitPaintedView(
@@ -118,14 +118,14 @@ def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
         together = f"labels/{entry.name}"
         if later := following.get(frame.number):
             then = _in_frame(dataset, entry, later)
-            whole = replace(whole, later=_next_frame(dataset, frame, later, then, bare))
+            tile = replace(tile, later=_next_frame(dataset, frame, later, then, bare))
             if then.name != entry.name:
                 reads["next"], together = draft.camera(then), f"labels/{entry.name}/{then.name}"
-        if whole.view.lighting:
+        if tile.view.lighting:
             reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
-        parts = [replace(whole, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
+        parts = [replace(tile, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
         tiles = draft.add_tiles(f"labels_tile/{name}", parts, reads, together, least=1)
-        joined = Labels(exposure=exposure, channels=whole.channels, tiles=len(tiles))
+        joined = Labels(exposure=exposure, channels=tile.channels, tiles=len(tiles))
         task, outputs = draft.add(f"labels/{name}", joined, tiles), (LABELS, PREVIEW, BOXES)
         delivered = outputs if "targets" in asked else outputs[:2]
         draft.files.update({f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered})

@@ -13,9 +13,9 @@ from pipeline.plugins.scenes.reading.lamps import (
     world_from_lamp,
 )
 from pipeline.plugins.scenes.reading.materials import check_finishes, read_finish
-from pipeline.plugins.scenes.reading.others import Others, check_pictures
 from pipeline.plugins.scenes.reading.pictures import named_by, read_pictures
 from pipeline.plugins.scenes.reading.solid_prims import solid
+from pipeline.plugins.scenes.reading.third_party import ReferencedLayers, check_pictures
 from pipeline.plugins.scenes.reading.units import check_units
 from pipeline.plugins.scenes.reading.writing_out import write_out
 from pipeline.scene.usd.meshes import Drawn, Polygons
@@ -43,7 +43,7 @@ __all__ = [
 
 def third_party_layers(stage: Usd.Stage) -> ThirdPartyLayers:
     """Layers that the stage references, or has as payloads, and that define nothing of ours."""
-    return Others(stage)
+    return ReferencedLayers(stage)
 
 
 def subdivided(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:

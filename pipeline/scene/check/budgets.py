@@ -44,8 +44,8 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
     cameras = max(1, sum(map(images_of, targets(root, "plen:cameras", "Camera"))))
     count = len(frame_numbers(root))
-    what = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
-    for over in over_limit(root.GetAttribute("plen:frames"), "frames", count * cameras, what):
+    counted = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
+    for over in over_limit(root.GetAttribute("plen:frames"), "frames", count * cameras, counted):
         if read(root, "plen:frames"):
             yield over
         else:
@@ -65,16 +65,16 @@ def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     traced = read(camera, "plen:truth:method") != "direct" or read(camera, "plen:truth:rays")
     fine = (read(camera, "plen:truth:supersampling") or 1) if traced else 1
     pixels = width * height * fine**2
-    what = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
+    counted = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
     at = sensor.GetAttribute("plen:resolution")
-    if over := over_limit(at, "pixels", pixels, what):
+    if over := over_limit(at, "pixels", pixels, counted):
         yield from over
         return
     counts = [("plen:image:samples", width * height)] + ([("plen:truth:samples", pixels)] if traced else [])
     for name, starts in counts:
         samples = read(camera, name) or 0
-        what = f"{samples:,} rays from each of {starts:,} positions"
-        yield from over_limit(camera.GetAttribute(name), "rays", starts * samples, what)
+        counted = f"{samples:,} rays from each of {starts:,} positions"
+        yield from over_limit(camera.GetAttribute(name), "rays", starts * samples, counted)
 
 
 def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
@@ -91,8 +91,9 @@ def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
     else:
         return  # reported as missing
     count = math.ceil((width**2 + height**2) / (along * across))
-    what = f"{width:.6g} x {height:.6g} mm at a pitch of {along:g} mm, {count:,} microlenses in the square around them,"
-    yield from over_limit(array.GetAttribute(name), "microlenses", count, what)
+    counted = f"{width:.6g} x {height:.6g} mm at a pitch of {along:g} mm, {count:,} microlenses in the square around"
+    counted += " them,"
+    yield from over_limit(array.GetAttribute(name), "microlenses", count, counted)
 
 
 def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
@@ -148,9 +149,9 @@ def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
         images_by = "plen:image:noise" if samples_of(camera) > camera.image_samples else "plen:image:samples"
         name = images_by if images >= positions else "plen:truth:samples"
         up_to = "up to " if name == "plen:image:noise" else ""
-        what = f"{up_to}{images:.2g} rays of images and {positions:.2g} of position images take one core about"
+        message = f"{up_to}{images:.2g} rays of images and {positions:.2g} of position images take one core about"
         hint = (
             "fewer samples or frames, or more noise; of position images a smaller plen:truth:supersampling, or direct"
         )
         attribute = stage.GetPrimAtPath(camera.prim_path).GetAttribute(name)
-        yield warning(attribute, "long-build", f"{what} {seconds / 3600:,.0f} hours", hint=hint)
+        yield warning(attribute, "long-build", f"{message} {seconds / 3600:,.0f} hours", hint=hint)

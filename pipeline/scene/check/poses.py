@@ -117,8 +117,8 @@ def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
     bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported elsewhere as not finite
     if len(bad):
         first = bad[0]
-        what = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
-        message = f"the transform from <{prim.GetPath()}> to the world {what} at time code {frames[first]}"
+        fault = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
+        message = f"the transform from <{prim.GetPath()}> to the world {fault} at time code {frames[first]}"
         yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
 
 

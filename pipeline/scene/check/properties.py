@@ -65,7 +65,7 @@ _USE_INSTEAD = {("plen:truth:method", "moments"): 'the method is gone; use "dire
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the authored properties of a prim, and of required properties that it lacks."""
     definition = prim.GetPrimDefinition()
-    known, strange = set(definition.GetPropertyNames()), []
+    declared, strange = set(definition.GetPropertyNames()), []
     is_idle = FOR_NO_IMAGE.match(prim.GetTypeName())
     for prop in prim.GetAuthoredProperties():
         if FOR_NO_IMAGE.match(prop.GetName()) or (is_idle and not prop.GetName().startswith("plen:")):
@@ -76,9 +76,9 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from _check_op(prop)
         elif prop.GetName() in _BINDINGS and isinstance(prop, Usd.Relationship):
             yield from _check_relationship(prop)  # no schema declares it
-        elif prop.GetName() not in known:
+        elif prop.GetName() not in declared:
             strange.append(prop.GetName())
-            yield from _check_unknown(prop, known)
+            yield from _check_unknown(prop, declared)
         elif any(isinstance(spec, Sdf.RelationshipSpec) != isinstance(prop, Usd.Relationship) for spec in specs(prop)):
             # USD follows the schema, whatever is written.
             kind = "a relationship (rel)" if isinstance(prop, Usd.Relationship) else "an attribute"
@@ -89,7 +89,7 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from _check_relationship(prop)
     ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
     if not prim.IsAbstract() and all(prim.CanApplyAPI(name) for name in ours):  # else it is not meant to be built
-        meant = {nearest(name, known) for name in strange}
+        meant = {nearest(name, declared) for name in strange}
         yield from _check_required(prim, meant)
         yield from _check_conditions(prim, meant)
 
@@ -104,8 +104,8 @@ def check_apis(prim: Usd.Prim) -> Iterator[Problem]:
         if FOR_NO_IMAGE.match(name) or (name in LENS_DISTORTION and prim.GetTypeName() == "Camera"):
             continue
         if not registry.FindAppliedAPIPrimDefinition(name):
-            known = known_types("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
-            hint = did_you_mean(name, known | LENS_DISTORTION)
+            schemas = known_types("UsdAPISchemaBase", Usd.SchemaRegistry().GetAPISchemaTypeName)
+            hint = did_you_mean(name, schemas | LENS_DISTORTION)
             if hint or name.startswith("Plen"):  # else another program's, which USD keeps
                 yield at_opinion(spec, problem(prim, "unknown-api", f'unknown API schema "{name}"', hint=hint))
             continue
@@ -158,13 +158,13 @@ def _check_op(attribute: Usd.Attribute) -> Iterator[Problem]:
             yield from _check_value(attribute, value, time, _MOVES)
 
 
-def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
+def _check_unknown(prop: Usd.Property, declared: set[str]) -> Iterator[Problem]:
     prim, name = prop.GetPrim(), prop.GetName()
     is_ours = name.startswith("plen:")  # plen: names are never extra data
     if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
         return
     type_name = prim.GetPrimTypeInfo().GetSchemaTypeName()
-    hint = did_you_mean(name, known)
+    hint = did_you_mean(name, declared)
     if not is_ours and not (type_name and (hint or type_name.startswith("Plen"))):  # programs add what they like
         return
     api = _APIS.get(str(prim.GetTypeName()))
@@ -174,7 +174,7 @@ def _check_unknown(prop: Usd.Property, known: set[str]) -> Iterator[Problem]:
         hint = 'write "custom" in front of it if it is meant to be extra data'
     elif not hint and api and api not in prim.GetAppliedSchemas():
         hint = f'apply {api}: prepend apiSchemas = ["{api}"]'
-    elif not hint and (names := sorted(other for other in known if other.rpartition(":")[0] == prop.GetNamespace())):
+    elif not hint and (names := sorted(other for other in declared if other.rpartition(":")[0] == prop.GetNamespace())):
         hint = f"remove it; there are {', '.join(names)}"
     yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
 
@@ -199,10 +199,10 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
         written = is_written(prim, name)
         needing = next((each for each in rule.conditions if each.kind == "Needed" and each.holds(prim)), None)
         if needing and not written and name not in meant:
-            place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
+            at = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
-            yield problem(place, code, f'{stated(needing)} needs "{name}"', hint=hint)
+            yield problem(at, code, f'{stated(needing)} needs "{name}"', hint=hint)
         failing = next((each for each in rule.conditions if each.kind == "Only" and each.holds(prim) is False), None)
         if written and failing:
             message = f'"{name}" has no effect {"with" if failing.tokens else "without"} {stated(failing)}'
@@ -300,10 +300,10 @@ def _check_value(attribute: Usd.Attribute, value: Any, time: float | None, rule:
         yield problem(attribute, "entries", f'"{name}" has {len(value)} entries, not {fewest} to {most}', time=time)
     else:
         if (text := bad_text(value)) is not None:
-            what, hint = "characters that cannot be printed", "remove line breaks, tabs and control characters"
+            flaw, hint = "characters that cannot be printed", "remove line breaks, tabs and control characters"
             if len(text) > LONGEST_TEXT:
-                what, hint = f"a text of {len(text):,} characters", f"{LONGEST_TEXT:,} are the most"
-            yield problem(attribute, "text", f'"{name}" holds {what}: {shortened(text)}', hint=hint, time=time)
+                flaw, hint = f"a text of {len(text):,} characters", f"{LONGEST_TEXT:,} are the most"
+            yield problem(attribute, "text", f'"{name}" holds {flaw}: {shortened(text)}', hint=hint, time=time)
         yield from _check_numbers(attribute, value, time, rule.span if rule else None)
 
 

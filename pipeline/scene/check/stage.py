@@ -44,7 +44,7 @@ from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.values import Range
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 
-_WHOLES: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
+_OF_TYPE: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
@@ -87,11 +87,11 @@ _MOST_NAMES = 4
 """Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
-def check(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> list[Problem]:
+def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) -> list[Problem]:
     """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
     if outside := _check_used(stage, roots):
         return outside
-    problems = [*_check_layers(stage, others), *_check_assets(stage, roots, others)]
+    problems = [*_check_layers(stage, third_party), *_check_assets(stage, roots, third_party)]
     prims = list[Usd.Prim]()
     everything = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     next(everything)  # the pseudo-root
@@ -100,13 +100,13 @@ def check(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> list
             prims.append(prim)
         else:
             everything.PruneChildren()
-            problems += others.settled([_of_dangling(prim)])
+            problems += third_party.settled([_of_dangling(prim)])
     wrong, right = set[Sdf.Path](), set[Hashable]()
     for prim in filter(Usd.Prim.IsActive, prims):
         said = prim.IsAbstract(), likeness(prim), *((spec.layer.identifier, spec.path) for spec in specs(prim))
         if said in right:
             continue  # an instance
-        of_prim = list(others.settled([*_check_prim(prim, others), *check_properties(prim)]))
+        of_prim = list(third_party.settled([*_check_prim(prim, third_party), *check_properties(prim)]))
         problems += of_prim
         right |= set() if of_prim else {said}
         if any(problem.is_error for problem in of_prim):
@@ -124,15 +124,15 @@ def check(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> list
     problems += check_unnamed_windows(parts, list(filter(is_camera, parts)))
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
-        problems += others.settled(check_dataset(root, wrong))
+        problems += third_party.settled(check_dataset(root, wrong))
     if not any(problem.is_error for problem in problems):
         # The further checks compute with values that have passed the checks so far.
         for prim in parts:
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
             for code in codes if is_camera(prim) else ():
                 problems += check_planes(at_code(prim, code))
-        problems += others.settled(check_poses(root)) if root else []
-        problems += scene_reader().check_units(stage, others)
+        problems += third_party.settled(check_poses(root)) if root else []
+        problems += scene_reader().check_units(stage, third_party)
     return list(dict.fromkeys(problems))
 
 
@@ -152,7 +152,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     """Problems between the parts of one prim; `wrong` holds the prims with wrong values."""
     if merged := list(_check_merged(prim)):
         return merged  # all other problems would follow from it
-    problems = [problem for type_name, whole in _WHOLES if prim.IsA(type_name) for problem in whole(prim)]
+    problems = [problem for type_name, of_type in _OF_TYPE if prim.IsA(type_name) for problem in of_type(prim)]
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
@@ -171,19 +171,19 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
     return problem(prim, "over-without-def", message, hint=hint)
 
 
-def _check_prim(prim: Usd.Prim, others: ThirdPartyLayers) -> Iterator[Problem]:
+def _check_prim(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
     name, is_known = prim.GetTypeName(), prim.GetPrimTypeInfo().GetSchemaTypeName()
     if not is_known and not FOR_NO_IMAGE.match(name) and (typed := saying(prim, "typeName")):
         hint = did_you_mean(name, known_types("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         is_strange = not hint and not name.startswith("Plen")
-        severity = "warning" if is_strange or typed[0].layer in others.layers else "error"
+        severity = "warning" if is_strange or typed[0].layer in third_party.layers else "error"
         hint = "it is not drawn, and its transform does not count" if is_strange else hint
         told = problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
         yield at_opinion(typed[0], told)
     yield from check_apis(prim)
     yield from _check_xform_order(prim)
-    yield from _check_variants(prim, others)
+    yield from _check_variants(prim, third_party)
     clips = Usd.ClipsAPI(prim)
     for name in clips.GetClips() if prim.HasAuthoredMetadata("clips") else ():
         for asset in clips.GetClipAssetPaths(name) or ():
@@ -215,9 +215,10 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     if unused:
         names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
         usual = sorted((attribute.GetName() for attribute in unused), key=_rank)
-        whole = ", ".join(f'"{name}"' for name in [*named, *usual])
+        listed = ", ".join(f'"{name}"' for name in [*named, *usual])
         stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
-        hint = f"write uniform token[] xformOpOrder = [{whole}]" + ("; the last one acts first" if len(ops) > 1 else "")
+        acts_first = "; the last one acts first" if len(ops) > 1 else ""
+        hint = f"write uniform token[] xformOpOrder = [{listed}]{acts_first}"
         yield problem(unused[0], "unused-xform-op", f"{names} {stand} in no xformOpOrder, so {move} nothing", hint=hint)
 
 
@@ -227,13 +228,13 @@ def _rank(op: str) -> int:
     return next((i for i, start in enumerate(usual) if op.startswith(start)), len(usual))
 
 
-def _check_variants(prim: Usd.Prim, others: ThirdPartyLayers) -> Iterator[Problem]:
+def _check_variants(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     if not prim.HasAuthoredMetadata("variantSelection"):
         return
     sets, stack = prim.GetVariantSets(), specs(prim)
     for name, choice in sorted((prim.GetMetadata("variantSelection") or {}).items()):
         spec = next((spec for spec in stack if name in spec.variantSelections), stack[0])
-        is_ours = spec.layer not in others.layers
+        is_ours = spec.layer not in third_party.layers
         if name not in sets.GetNames():
             if not is_ours:
                 continue
@@ -245,9 +246,9 @@ def _check_variants(prim: Usd.Prim, others: ThirdPartyLayers) -> Iterator[Proble
             yield at_opinion(spec, problem(prim, "unknown-variant", message, hint=hint, severity=severity))
 
 
-def _check_layers(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
+def _check_layers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of the layers themselves, of others aside."""
-    layers = [layer for layer in used_layers(stage) if layer not in others.layers]
+    layers = [layer for layer in used_layers(stage) if layer not in third_party.layers]
     yield from _check_root(stage)
     yield from _check_alike(layers)
     for layer in layers:
@@ -269,24 +270,24 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
         yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
 
 
-def check_numbers(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
+def check_numbers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of units and times of layers; of others only rates: by one of NaN USD scales samples without end."""
     for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
-        value = _info(layer, key, None) if layer not in others.layers or key.endswith("PerSecond") else None
+        value = _info(layer, key, None) if layer not in third_party.layers or key.endswith("PerSecond") else None
         if value is not None and not span.holds(value):
             yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
 
 
 def _check_alike(layers: list[Sdf.Layer]) -> Iterator[Problem]:
-    root, *others = layers
+    root, *used = layers
     for key, fallback, why in _ALIKE:
-        wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in others]
-        if len(others) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
-            message = f"{key} is {wanted} here and {values[0]} in all {len(others)} layers that it uses"
+        wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in used]
+        if len(used) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
+            message = f"{key} is {wanted} here and {values[0]} in all {len(used)} layers that it uses"
             hint = f"{why}: say what they say, and write what follows in it"
             yield metadata_problem(root, key, f"layer-{key}", message, hint=hint)
             continue
-        for layer, value in zip(others, values, strict=True):
+        for layer, value in zip(used, values, strict=True):
             if value != wanted:
                 message = f"{key} is {value} here and {wanted} in {shown_path(root.realPath)}"
                 yield replace(metadata_problem(layer, key, f"layer-{key}", message, hint=why), line=1)
@@ -303,11 +304,11 @@ def _check_merged(prim: Usd.Prim) -> Iterator[Problem]:
     index = prim.GetPrimIndex() if link else None
     if not index or not index.rootNode:
         return
-    first, *others = _origins(index.rootNode) or [None]
+    first, *weaker = _origins(index.rootNode) or [None]
     stronger, node = set[str](), first
     while node:
         stronger, node = stronger | _names(node), node.parent
-    for other in others:
+    for other in weaker:
         kept = _names(other) - stronger
         if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
             more = f" and {len(rest) - _MOST_NAMES} more" if len(rest) > _MOST_NAMES else ""
@@ -366,17 +367,17 @@ def _check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
     ]
 
 
-def _check_assets(stage: Usd.Stage, roots: list[Path], others: ThirdPartyLayers) -> Iterator[Problem]:
+def _check_assets(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of asset values: pictures that cannot be read, and files outside all roots, or missing."""
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     scenes = scene_reader()
-    yield from scenes.check_pictures(prims, others)
+    yield from scenes.check_pictures(prims, third_party)
     read = {attribute for prim in prims for attribute, _ in scenes.named_by(prim)}
     for attribute in (attribute for first, *_ in alike(prims) for attribute in first.GetAuthoredAttributes()):
         prim = attribute.GetPrim()
         if not issubclass(type(attribute.GetTypeName().defaultValue), Sdf.AssetPath | Sdf.AssetPathArray):
             continue
-        if attribute in read or is_in_preview(prim) or others.wrote(attribute):
+        if attribute in read or is_in_preview(prim) or third_party.wrote(attribute):
             continue  # previews are of viewers: a copied dataset.usda builds without its pictures
         values = [attribute.Get(), *(attribute.Get(time) for time in attribute.GetTimeSamples())]
         arrays = [[value] if isinstance(value, Sdf.AssetPath) else value for value in values]

@@ -35,8 +35,10 @@ def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set
         spline = attribute.GetSpline()
         knots = list(spline.GetKnots())
         if spline.HasExtrapolatingLoops() and last - first > _MOST_LOOPS * (knots[-1] - knots[0]):
-            what = f'"{attribute.GetName()}" repeats its spline more than {_MOST_LOOPS} times while a shutter is open'
-            raise UnreadableValue(what, attribute, "write the repetitions that are meant as knots", "spline")
+            loops = f"repeats its spline more than {_MOST_LOOPS} times while a shutter is open"
+            raise UnreadableValue(
+                f'"{attribute.GetName()}" {loops}', attribute, "write the repetitions that are meant as knots", "spline"
+            )
         baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(first, last))
         found.update(baked)
         for start, end in _curved(baked):

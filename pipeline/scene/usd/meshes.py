@@ -217,17 +217,17 @@ def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
     number = np.bincount(face[kept], minlength=len(counts))
     if thin := ((number < CORNERS) & good).sum():
         flaws.append(f"{thin:,} of its faces have fewer than three corners")
-    whole = number >= CORNERS
-    kept &= whole[face]
+    is_polygon = number >= CORNERS
+    kept &= is_polygon[face]
     if not kept.any():
         flaws = [", ".join([*flaws, "it has no faces"]) + ": nothing is drawn"]
     return Polygons(
         points=points,
         vertex=indices[kept],
-        count=number[whole],
-        face=np.flatnonzero(whole),
+        count=number[is_polygon],
+        face=np.flatnonzero(is_polygon),
         corner=np.flatnonzero(kept),
-        is_hole=np.isin(np.flatnonzero(whole), holes),
+        is_hole=np.isin(np.flatnonzero(is_polygon), holes),
         flaws=tuple(flaws),
     )
 

@@ -191,7 +191,7 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    problems, others = [], scene_reader().third_party_layers(stage)
+    problems, third_party = [], scene_reader().third_party_layers(stage)
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}
@@ -201,13 +201,13 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
             for path, specs in below.items()
             for spec in specs
             if path != top
-            and spec.layer not in {stage.GetSessionLayer(), *others.layers}
+            and spec.layer not in {stage.GetSessionLayer(), *third_party.layers}
             and spec not in before.get(path, [])
         ]
         if ignored:
             problems.append(_below_instance(top, ignored))
         before |= below
-    return problems[::-1], others
+    return problems[::-1], third_party
 
 
 def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
@@ -284,6 +284,6 @@ def _stages_by_name(folder: Path, base: Path) -> set[str]:
 def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:
     """The hint with the most similar names, or all of them and their folders."""
     near = nearest(name, names) or nearest(Path(name).name, {other.rpartition("/")[2] for other in names})
-    whole = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
-    meant = f"did you mean {quoted.format(whole)}? " if whole else ""
+    found = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
+    meant = f"did you mean {quoted.format(found)}? " if found else ""
     return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"

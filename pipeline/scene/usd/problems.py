@@ -54,8 +54,8 @@ class Problem:
         return asdict(self)
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        lines = [f"{place or '<stage>'}: {self.severity}: {self.message} [{self.code}]"]
+        position = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        lines = [f"{position or '<stage>'}: {self.severity}: {self.message} [{self.code}]"]
         if self.at:
             lines.append(f"    at <{self.at}>")
         if self.hint:
@@ -113,7 +113,7 @@ def problem(
     time: float | None = None,
 ) -> Problem:
     """A problem at a prim, a property or, with `time`, one of its time samples."""
-    file, line = place(thing, time)
+    file, line = written_at(thing, time)
     return Problem(
         severity=severity, code=code, message=message, file=file, line=line, at=str(thing.GetPath()), hint=hint
     )
@@ -131,10 +131,10 @@ def not_drawn(thing: Usd.Prim | Usd.Property, message: str, hint: str | None = N
     return warning(thing, NOT_DRAWN, message, hint=hint)
 
 
-def over_limit(thing: Usd.Prim | Usd.Property, name: str, count: int, what: str) -> list[Problem]:
-    """A problem at a thing if its count, which `what` says in words, is more than the limit of that name."""
+def over_limit(thing: Usd.Prim | Usd.Property, name: str, count: int, counted: str) -> list[Problem]:
+    """A problem at a thing if its count, which `counted` says in words, is more than the limit of that name."""
     most = getattr(limits(), name)
-    message = f"{what} are more than the limit of {most:,} {name.replace('_', ' ')}"
+    message = f"{counted} are more than the limit of {most:,} {name.replace('_', ' ')}"
     return [problem(thing, "over-limit", message, hint=how_to_raise(name, count))] if count > most else []
 
 
@@ -146,12 +146,12 @@ def metadata_problem(
     return Problem(code=code, message=message, file=shown_path(layer.realPath), line=line, at=at, hint=hint)
 
 
-def place(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
+def written_at(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tuple[str | None, int | None]:
     """File (as messages show it) and line of the strongest authored opinion."""
     stack = [spec for spec in specs(thing) if spec.layer.realPath or spec.layer != thing.GetStage().GetSessionLayer()]
     if not stack:
         # Not authored: a fallback or something missing. Its prim is the place to write it.
-        return place(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)
+        return written_at(thing.GetPrim()) if isinstance(thing, Usd.Property) else (None, None)
     file = stack[0].layer.realPath
     if not file:
         return None, None

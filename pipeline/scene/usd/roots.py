@@ -72,8 +72,8 @@ def is_inside(path: str | Path, roots: Iterable[Path]) -> bool:
 def used_layers(stage: Usd.Stage) -> list[Sdf.Layer]:
     """Layers with a file, the root first, the others in the order of their paths."""
     root = stage.GetRootLayer()
-    others = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
-    return [root, *sorted(others, key=lambda layer: layer.realPath)]
+    layers = [layer for layer in stage.GetUsedLayers() if not layer.anonymous and layer != root]
+    return [root, *sorted(layers, key=lambda layer: layer.realPath)]
 
 
 def file_of(identifier: str) -> str:

@@ -198,9 +198,9 @@ def _offset(x_mm: float, y_mm: float) -> tuple[float, float] | None:
     return (x_mm, y_mm) if x_mm or y_mm else None
 
 
-def _int(count: int | None, what: str) -> int | None:
+def _int(count: int | None, things: str) -> int | None:
     if count is not None and abs(count) >= 2**31:
-        raise CameraError(f"{count} {what} are more than a stage can hold")
+        raise CameraError(f"{count} {things} are more than a stage can hold")
     return count
 
 
@@ -254,24 +254,24 @@ def lay_over(stage: Path, layer: Sdf.Layer, out: Path, about: Iterable[str]) -> 
             layer.pseudoRoot.SetInfo(name, below.pseudoRoot.GetInfo(name))
 
 
-def distortion_layer(stage: Path, out: Path, seen: SeenCamera) -> str:
+def distortion_layer(stage: Path, out: Path, view: SeenCamera) -> str:
     """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    lay_over(stage, layer, out, seen.about)
-    camera = Sdf.CreatePrimInLayer(layer, seen.prim_path)
-    _apply(camera, seen.schemas, seen.model)
+    lay_over(stage, layer, out, view.about)
+    camera = Sdf.CreatePrimInLayer(layer, view.prim_path)
+    _apply(camera, view.schemas, view.model)
     child = Sdf.PrimSpec(camera, CHILD, Sdf.SpecifierDef, "Camera")
-    _apply(child, [schema for schema in seen.schemas if schema.model == seen.model], seen.model)
+    _apply(child, [schema for schema in view.schemas if schema.model == view.model], view.model)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
-    x, y, z = (length / unit_mm for length in seen.centre_mm)
+    x, y, z = (length / unit_mm for length in view.centre_mm)
     _write(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))  # it looks along -z
     order = Sdf.AttributeSpec(child, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
     order.default = ["xformOp:translate"]
     film = TENTHS / unit_mm
     plain = {
-        "focalLength": seen.principal_mm,
-        "horizontalAperture": seen.size_mm[0],
-        "verticalAperture": seen.size_mm[1],
+        "focalLength": view.principal_mm,
+        "horizontalAperture": view.size_mm[0],
+        "verticalAperture": view.size_mm[1],
     }
     for name, length_mm in plain.items():
         _write(child, name, Sdf.ValueTypeNames.Float, film * length_mm)

@@ -94,8 +94,8 @@ def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: 
 
 def _fallback_types(names: Iterable[str]) -> dict[str, Vt.TokenArray]:
     """Fallback types for our prim types, in the order of the names."""
-    known = Usd.SchemaRegistry().GetFallbackPrimTypes()
-    return {name: known[name] for name in sorted(set(names)) if name in known}
+    fallbacks = Usd.SchemaRegistry().GetFallbackPrimTypes()
+    return {name: fallbacks[name] for name in sorted(set(names)) if name in fallbacks}
 
 
 def _view_of(camera: CameraEntry) -> Viewfinder | None:

@@ -64,7 +64,7 @@ def _on(patch: Patch, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
     edges = np.full((len(xy_mm), 2, 3), np.nan)
     if contrast:
         direction = corner_edges(pattern.drawing, xy_mm)
-        edges = patch.along(direction, patch.place(xy_mm)[1]) @ patch.target_from_patch[:3, :3].T
+        edges = patch.along(direction, patch.surface_at(xy_mm)[1]) @ patch.target_from_patch[:3, :3].T
     ratio = (pattern.white + pattern.black) / contrast if contrast else np.nan
     return edges, np.full(len(xy_mm), ratio)
 

@@ -21,7 +21,7 @@ from tolerances import (
 )
 
 from pipeline.plugins.scenes.lighting.records import Coat, Input, Material
-from pipeline.plugins.scenes.lighting.reflection import Paint, reflected, scattered, seen_along, tabled_layers
+from pipeline.plugins.scenes.lighting.reflection import Paint, reflected, scattered, tabled_layers, viewed_along
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.targets.target import Target
 
@@ -153,7 +153,7 @@ COATED = [Paint(0.7, 0.0, 0.0, 1.0, 0.1), Paint(0.4, 0.04, 0.2, 0.6, 0.03), Pain
 @pytest.mark.parametrize("paint", [Paint(0.7, 0.04, 0.2), Paint(0.0, 0.9, 0.05), Paint(0.3, 0.5, 1.0), *COATED])
 def test_reflection_is_reciprocal(paint):
     one, other = (0.3, 0.2, math.sqrt(0.87)), (-0.5, 0.6, math.sqrt(0.39))
-    seen = (seen_along.function(tabled_layers(), paint, way) for way in (one, other))
+    seen = (viewed_along.function(tabled_layers(), paint, way) for way in (one, other))
     there, back = (
         reflected.function(tabled_layers(), paint, at, lit)[0] / lit[2]
         for at, lit in zip(seen, (other, one), strict=True)
@@ -165,7 +165,7 @@ def test_reflection_is_reciprocal(paint):
 def test_directions_are_chosen_with_the_density_that_is_stated(paint):
     """Means over chosen directions of 1 / density count the solid angle of a part of the sky."""
     table, total = tabled_layers(), []
-    seen = seen_along(table, paint, (0.5, 0.1, math.sqrt(0.74)))
+    seen = viewed_along(table, paint, (0.5, 0.1, math.sqrt(0.74)))
     for pair in np.random.default_rng(1).random((1 << 13, 2)):
         lit = scattered(paint, seen, (pair[0], pair[1]))
         density = reflected(table, paint, seen, lit)[1]

@@ -81,9 +81,9 @@ class _Seen:
         # The last of several that a pixel is given stays: that with most light, of equals the first face.
         order, chosen = np.lexsort((-face, light)), np.full(self._pixels, -1)
         chosen[row[order]] = face[order]
-        some = (self._met.face >= 0) & (self._met.face == chosen[self._row])
-        place, faces = self._mean(self._met.sheet_mm, some), np.array([*self._faces, (np.nan, np.nan)])
-        return np.column_stack([place[:, :2], self._share(some), faces[chosen], place[:, 2]])
+        is_on = (self._met.face >= 0) & (self._met.face == chosen[self._row])
+        chart, faces = self._mean(self._met.sheet_mm, is_on), np.array([*self._faces, (np.nan, np.nan)])
+        return np.column_stack([chart[:, :2], self._share(is_on), faces[chosen], chart[:, 2]])
 
     def _flow(self) -> np.ndarray:
         """Way of the mean point of each thing, in the mean of all of them."""
@@ -94,9 +94,9 @@ class _Seen:
         points = np.concatenate([self._met.point_mm, self._met.later_mm], axis=1)[moving]
         means, cell = _mean(points, self._weight[moving], group, len(row)), self._band.strata[self._rays.pixels[row], 0]
         start = now.positions(means[:, :3], cell, self._rays.squares.pixels[row].astype(float))
-        way = self._there(then, means[:, 3:6], thing, cell, start) - start
-        known = np.isfinite(way).all(axis=1)
-        return _mean(way[known], light[known], row[known], self._pixels)
+        flow = self._there(then, means[:, 3:6], thing, cell, start) - start
+        is_found = np.isfinite(flow).all(axis=1)
+        return _mean(flow[is_found], light[is_found], row[is_found], self._pixels)
 
     def _there(
         self, lines: SightLines, points_mm: np.ndarray, thing: np.ndarray, cell: np.ndarray, start_px: np.ndarray
@@ -125,22 +125,22 @@ class _Seen:
         result[row[kept], rank[kept], 1] = (light / self._all[row])[kept]
         return result.reshape(self._pixels, -1)
 
-    def _share(self, some: Bool[np.ndarray, "n"]) -> np.ndarray:
+    def _share(self, chosen: Bool[np.ndarray, "n"]) -> np.ndarray:
         """Share of some rays in the light of each pixel, (pixels,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.bincount(self._row[some], self._weight[some], minlength=self._pixels) / self._all)
+            return np.asarray(np.bincount(self._row[chosen], self._weight[chosen], minlength=self._pixels) / self._all)
 
     def _mean(
-        self, values: Float64[np.ndarray, "n k"], some: Bool[np.ndarray, "n"] | slice = slice(None)
+        self, values: Float64[np.ndarray, "n k"], chosen: Bool[np.ndarray, "n"] | slice = slice(None)
     ) -> np.ndarray:
         """Mean of values of some rays in each pixel, and behind it their spread, (pixels, k + 1)."""
-        return _mean(values[some], self._weight[some], self._row[some], self._pixels)
+        return _mean(values[chosen], self._weight[chosen], self._row[chosen], self._pixels)
 
-    def _grouped(self, number: np.ndarray, some: Bool[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
+    def _grouped(self, number: np.ndarray, chosen: Bool[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         """Rays of one pixel with one number: pixel, number and light of each group, and the group of each ray."""
         most = int(number.max(initial=0)) + 1
-        keys, group = np.unique(self._row[some] * most + number[some], return_inverse=True)
-        return keys // most, keys % most, np.bincount(group, self._weight[some], minlength=len(keys)), group
+        keys, group = np.unique(self._row[chosen] * most + number[chosen], return_inverse=True)
+        return keys // most, keys % most, np.bincount(group, self._weight[chosen], minlength=len(keys)), group
 
 
 def _mean(values: np.ndarray, weight: np.ndarray, row: np.ndarray, rows: int) -> np.ndarray:

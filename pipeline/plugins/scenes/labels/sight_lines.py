@@ -40,12 +40,12 @@ class SightLines:
         self._nodes = np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
         self._fit, _ = self._basis(self._nodes)
         self._lines = np.full((len(self._centre_px), self._fit.shape[1], 4), np.nan)
-        self._is_known = np.zeros(len(self._centre_px), bool)
+        self._is_fitted = np.zeros(len(self._centre_px), bool)
 
     def _lines_of(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         cells = np.unique(cell)
-        if len(new := cells[~self._is_known[cells]]):
-            self._lines[new], self._is_known[new] = _fitted(self._fit, self._traced(new)), True
+        if len(new := cells[~self._is_fitted[cells]]):
+            self._lines[new], self._is_fitted[new] = _fitted(self._fit, self._traced(new)), True
         return self._lines[cell]
 
     def _traced(self, cells: np.ndarray) -> np.ndarray:
@@ -85,9 +85,9 @@ class SightLines:
             step = np.stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]], axis=1)
             step /= (a * d - b * c)[:, None]
             s = np.clip(s + step, -2 * self._reach, 2 * self._reach)
-        known = (np.linalg.norm(s, self._norm, axis=1) <= self._reach) & (points_mm[:, 2] > 0)
-        known &= np.abs(step * half).max(axis=1) < SETTLED_PX
-        return np.where(known[:, None], centre + half * s, np.nan)
+        is_inside = (np.linalg.norm(s, self._norm, axis=1) <= self._reach) & (points_mm[:, 2] > 0)
+        is_inside &= np.abs(step * half).max(axis=1) < SETTLED_PX
+        return np.where(is_inside[:, None], centre + half * s, np.nan)
 
 
 def _fitted(basis: Float64[np.ndarray, "n k"], lines: Float64[np.ndarray, "c n 4"]) -> np.ndarray:

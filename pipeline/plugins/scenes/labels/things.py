@@ -44,8 +44,8 @@ class Later:
         for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=True)):
             rows = np.flatnonzero(thing == number)
             if motion is not None and pose is not None and len(rows):
-                way = motion.at(time_s[rows]) @ inverse(pose)
-                result[rows] = np.einsum("nij,nj->ni", way[:, :3, :3], points_mm[rows]) + way[:, :3, 3]
+                moved = motion.at(time_s[rows]) @ inverse(pose)
+                result[rows] = np.einsum("nij,nj->ni", moved[:, :3, :3], points_mm[rows]) + moved[:, :3, 3]
         return result
 
 
@@ -80,16 +80,16 @@ class Things:
         self.faces = [(k, face) for k, face, _ in pieces]  # number of the target of each patch, and of the patch on it
         self._patches = [(k, patch, targets[k][1] @ patch.target_from_patch) for k, _, patch in pieces]
         meshes = [apply(pose, patch.mesh().reshape(-1, 3)).reshape(-1, 3, 3) for _, patch, pose in self._patches]
-        others = [in_vision(occluder, pose) for occluder, pose in occluders]
-        everything = [*meshes, *others]
+        solids = [in_vision(occluder, pose) for occluder, pose in occluders]
+        everything = [*meshes, *solids]
         self._lit, self._embree, self._ends = lit, MeshScene(everything), np.cumsum([0, *map(len, everything)])
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
-        self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(others))], int)
+        self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(solids))], int)
         self._motion = [pose @ inverse(now) for pose, (_, now) in zip(later.targets, targets, strict=True)]
         # Of a mesh with other faces nobody knows which point is which.
         moved = [
             in_vision(*then) if then and len(then[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
-            for mesh, then in zip(others, later.occluders, strict=True)
+            for mesh, then in zip(solids, later.occluders, strict=True)
         ]
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])  # targets move by their poses
 
@@ -98,16 +98,16 @@ class Things:
         rays = of_pixels.leaving
         triangle = self._lit.first_seen(of_pixels) if self._lit else self._embree.first_hit(rays.origin, rays.direction)
         ray = np.flatnonzero(triangle >= 0)
-        triangle, origin, way = triangle[ray], rays.origin[ray], rays.direction[ray]
+        triangle, origin, direction = triangle[ray], rays.origin[ray], rays.direction[ray]
         piece = np.searchsorted(self._ends, triangle, side="right") - 1
-        point, normal, shares = _on_planes(self._corners[triangle], origin, way)
+        point, normal, shares = _on_planes(self._corners[triangle], origin, direction)
         later, sheet = np.einsum("nk,nki->ni", shares, self._later[triangle]), np.full((len(ray), 2), np.nan)
         for number, (owner, patch, pose) in enumerate(self._patches):
             rows = np.flatnonzero(piece == number)
-            there = _on_patch(patch, pose, way[rows], point[rows], normal[rows])
+            there = _on_patch(patch, pose, direction[rows], point[rows], normal[rows])
             point[rows], normal[rows], sheet[rows] = there
             later[rows] = apply(self._motion[owner], point[rows])
-        normal *= -np.sign(np.einsum("ni,ni->n", normal, way))[:, None]
+        normal *= -np.sign(np.einsum("ni,ni->n", normal, direction))[:, None]
         return Met(
             ray, self._thing[piece], np.where(piece < len(self._patches), piece, -1), point, normal, sheet, later
         )
@@ -136,13 +136,13 @@ def _on_patch(
     there = apply(inverse(pose), point)
     if patch.kind == MESH:
         return point, normal, there[:, :2]
-    way = direction @ pose[:3, :3]
+    in_patch = direction @ pose[:3, :3]
     for _ in range(1 if patch.kind == PLANE else _STEPS):
         chart = np.ascontiguousarray(there[:, :2])
         if patch.kind == CYLINDER:
             radius = float(patch.shape[0])
             chart[:, 0] = radius * np.arctan2(there[:, 0] / radius, there[:, 2] / radius + 1)
-        surface, axes, _ = patch.place(chart)
-        short = np.einsum("ni,ni->n", surface - there, axes[:, :, 2]) / np.einsum("ni,ni->n", way, axes[:, :, 2])
-        there = there + short[:, None] * way
+        surface, axes, _ = patch.surface_at(chart)
+        rise, slope = (np.einsum("ni,ni->n", vector, axes[:, :, 2]) for vector in (surface - there, in_patch))
+        there = there + (rise / slope)[:, None] * in_patch
     return apply(pose, there), axes[:, :, 2] @ pose[:3, :3].T, chart

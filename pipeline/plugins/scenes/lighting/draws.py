@@ -42,7 +42,7 @@ class Names(NamedTuple):
     """Keys of random numbers, the same for all rays of a pixel through a microlens, and places among them."""
 
     key: np.ndarray
-    place: np.ndarray
+    rank: np.ndarray
 
 
 @functools.cache
@@ -53,10 +53,10 @@ def points() -> np.ndarray:
 
 
 @inline
-def draw(points, key, place, stage):
+def draw(points, key, rank, stage):
     """Two numbers in [0, 1) for the ray at a place of a pixel with a key."""
     seed = hash32(key, np.uint32(3 * stage))
-    index = scrambled_bits(reversed_bits(np.uint32(place)), seed)
+    index = scrambled_bits(reversed_bits(np.uint32(rank)), seed)
     second = points[0, index & np.uint32(255)]
     for byte in range(1, _BYTES):
         second ^= points[byte, index >> np.uint32(8 * byte) & np.uint32(255)]
@@ -75,15 +75,15 @@ def crossing_stage(vertex: int, crossing: int) -> int:
 
 
 @kernel
-def choose_slices(points, key, place, count, chosen):
+def choose_slices(points, key, rank, count, chosen):
     """Choose one of so many slices of the spectrum for each ray (n,), written, (n,) int64."""
     for i in range(chosen.size):
-        chosen[i] = int(draw(points, key[i], place[i], _COLOUR)[0] * count)
+        chosen[i] = int(draw(points, key[i], rank[i], _COLOUR)[0] * count)
 
 
 @kernel
-def name_rays(seed, light, squares, owner, key, place):
-    """Name rays of some pixels; rays of one owner follow one another. `key` and `place`, (n,), are written.
+def name_rays(seed, light, squares, owner, key, rank):
+    """Name rays of some pixels; rays of one owner follow one another. `key` and `rank`, (n,), are written.
 
     `seed`, int: the same for all wavelengths.
     `light`, (int, int): the wavelength among all of the image, and their number.
@@ -93,10 +93,10 @@ def name_rays(seed, light, squares, owner, key, place):
     microlenses = squares.skipped.shape[1]
     for i in range(owner.size):
         if i > 0 and owner[i] == owner[i - 1]:
-            key[i], place[i] = key[i - 1], place[i - 1] + 1
+            key[i], rank[i] = key[i - 1], rank[i - 1] + 1
             continue
         n, j = owner[i] // microlenses, owner[i] % microlenses
         base = hash32(hash32(seed, squares.pixels[n, 0]), squares.pixels[n, 1])
         # A later pass has as many rays as all before it: their stretches lie behind those of all wavelengths so far.
         stretch = number + lights if squares.skipped[n, j] > 0 else number
-        key[i], place[i] = hash32(base, _STREAM + j), stretch * squares.counts[n, j]
+        key[i], rank[i] = hash32(base, _STREAM + j), stretch * squares.counts[n, j]

@@ -29,10 +29,10 @@ class Emitting(NamedTuple):
 
 
 @unit
-def shaped(numbers, line, way, u, v):
+def shaped(numbers, line, direction, u, v):
     """Radiance of a line of the table towards the start of a direction, in its frame, that meets it at a point."""
-    focus = abs(way[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
-    off, factor = math.acos(min(max(way[2], -1.0), 1.0)), 1.0
+    focus = abs(direction[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
+    off, factor = math.acos(min(max(direction[2], -1.0), 1.0)), 1.0
     if off > line[CONE]:
         return 0.0
     if off > line[FADING]:

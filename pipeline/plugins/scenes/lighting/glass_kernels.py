@@ -19,16 +19,12 @@ def cross(scene, stage, paths, hits):
     scene, paths, hits = borrowed((scene, paths, hits))
     _, points, gap_mm = scene
     for i in range(paths.power.size):
-        way, normal, flat, ratio = (
-            row(paths.direction, i),
-            row(hits.normal, i),
-            row(hits.flat, i),
-            hits.paint[i, RATIO],
-        )
-        dice = draws.draw(points, paths.key[i], paths.place[i], stage)[0]
-        on, behind = _crossed(way, normal, ratio, hits.paint[i, FACING], dice)
+        direction, normal, flat = row(paths.direction, i), row(hits.normal, i), row(hits.flat, i)
+        ratio = hits.paint[i, RATIO]
+        dice = draws.draw(points, paths.key[i], paths.rank[i], stage)[0]
+        on, behind = _crossed(direction, normal, ratio, hits.paint[i, FACING], dice)
         if (dot(on, flat) < 0.0) != behind:  # the normal for shading is too far off that of the triangle
-            on, behind = _crossed(way, flat, ratio, hits.paint[i, FACING], dice)
+            on, behind = _crossed(direction, flat, ratio, hits.paint[i, FACING], dice)
         if behind:
             # A bundle of light is narrower in glass, and brighter.
             paths.power[i] /= ratio * ratio
@@ -43,10 +39,10 @@ def cross(scene, stage, paths, hits):
 
 
 @inline
-def _crossed(way, normal, ratio, mirrored, dice):
+def _crossed(direction, normal, ratio, mirrored, dice):
     """Direction behind a smooth face of glass, or before it, and whether it is behind it."""
-    cosine = -dot(way, normal)
+    cosine = -dot(direction, normal)
     share, beyond = dielectric(cosine, ratio)
     if dice < max(share, mirrored):
-        return unit(along(way, 2.0 * cosine, normal)), False
-    return unit(bent(way, normal, cosine, beyond, ratio)), True
+        return unit(along(direction, 2.0 * cosine, normal)), False
+    return unit(bent(direction, normal, cosine, beyond, ratio)), True

@@ -109,11 +109,12 @@ def _nearer_root(a, b, c, low, high):
 
 
 @unit
-def radiance_of(lamps, k, origin, way, t):
+def radiance_of(lamps, k, origin, direction, t):
     """Radiance of a lamp of finite size that is not even, along a direction that meets it after a path."""
     table = lamps.table
     x, y, p = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), minus(origin, _triple(table, k, CENTRE))
-    p, in_lamp = along(p, t, way), (dot(way, x), dot(way, y), dot(way, _triple(table, k, AXIS_Z)))
+    p = along(p, t, direction)
+    in_lamp = dot(direction, x), dot(direction, y), dot(direction, _triple(table, k, AXIS_Z))
     return shaped(lamps.emitting, table[k], in_lamp, dot(p, x) / table[k, SIZE_A], dot(p, y) / table[k, SIZE_B])
 
 
@@ -274,13 +275,13 @@ def estimates_at(lamps, point, normal, of_each):
     An even sky is found as well by all paths that leave the surface. So the errors of its light and of all other are
     the same if it gets half of what its estimate, times `_STEADY`, exceeds theirs; if it does not, nothing.
     """
-    others, total, number = 0.0, 0.0, 0
+    of_lamps, total, number = 0.0, 0.0, 0
     for k in range(of_each.size):
         of_each[k] = estimate(lamps, k, point, normal)
-        others += 0.0 if is_even_sky(lamps.table, k) else of_each[k]
+        of_lamps += 0.0 if is_even_sky(lamps.table, k) else of_each[k]
     for k in range(of_each.size):
         if is_even_sky(lamps.table, k):
-            of_each[k] = 0.5 * max(_STEADY * of_each[k] - others, 0.0)
+            of_each[k] = 0.5 * max(_STEADY * of_each[k] - of_lamps, 0.0)
         total += of_each[k]
         number += 1 if of_each[k] > 0.0 else 0
     return Estimates(total, number)

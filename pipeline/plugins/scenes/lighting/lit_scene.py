@@ -128,7 +128,7 @@ class LitScene:
         self._scene = tabled_layers(), draws.points(), self._gap_mm
         self._bounces = lighting.bounces
 
-    def seen(self, sight: Footprints) -> np.ndarray:
+    def uniform(self, sight: Footprints) -> np.ndarray:
         """NaN for both parts of each pixel, (2, n): a lit scene has no light that is known without rays."""
         return sight.undecided()
 
@@ -140,10 +140,10 @@ class LitScene:
         image: Float64[np.ndarray, "m"],
     ) -> None:
         """Add the light of rays to their pixels, as `glow.TargetLight.add`."""
-        some, names = wanted[pixels], self._names(of_pixels)
-        rays, names = _those(of_pixels.leaving, some), _those(names, some)
+        is_wanted, names = wanted[pixels], self._names(of_pixels)
+        rays, names = _those(of_pixels.leaving, is_wanted), _those(names, is_wanted)
         light = self.radiance(rays.origin, rays.direction, names)
-        add_values(rays.share, light, pixels if some.all() else pixels[some], image)
+        add_values(rays.share, light, pixels if is_wanted.all() else pixels[is_wanted], image)
 
     def radiance(
         self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names
@@ -152,8 +152,8 @@ class LitScene:
         light, chosen = np.empty(len(origin_mm)), np.empty(len(origin_mm), np.int64)
         draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
         rows, ends = np.argsort(chosen, kind="stable"), np.cumsum(np.bincount(chosen, minlength=len(self._tints)))
-        for tint, some in zip(self._tints, np.split(rows, ends[:-1]), strict=True):
-            light[some] = self._traced(tint, _first(origin_mm, direction, names, some))
+        for tint, rays in zip(self._tints, np.split(rows, ends[:-1]), strict=True):
+            light[rays] = self._traced(tint, _from_camera(origin_mm, direction, names, rays))
         return light
 
     def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
@@ -187,13 +187,13 @@ class LitScene:
             if crossing == draws.CROSSINGS:
                 hits.distance[rows] = np.inf
                 return
-            some, faces = Paths(*(each[rows] for each in paths)), Hits(*(each[rows] for each in hits))
-            cross(self._scene, draws.crossing_stage(vertex, crossing), some, faces)
+            crossed, faces = Paths(*(each[rows] for each in paths)), Hits(*(each[rows] for each in hits))
+            cross(self._scene, draws.crossing_stage(vertex, crossing), crossed, faces)
             there = _no_hits(len(rows))
-            self._meet(tint, vertex, some, there, crossing + 1)
-            kernels.gather(tint.lamps, some, there, light)
-            for whole, part in (*zip(paths, some, strict=True), *zip(hits, there, strict=True)):
-                whole[rows] = part
+            self._meet(tint, vertex, crossed, there, crossing + 1)
+            kernels.gather(tint.lamps, crossed, there, light)
+            for values, behind in (*zip(paths, crossed, strict=True), *zip(hits, there, strict=True)):
+                values[rows] = behind
 
     def _names(self, rays: PixelRays) -> Names:
         owner = np.ascontiguousarray(rays.leaving.owner)
@@ -207,20 +207,20 @@ class LitScene:
         """Add the light that lamps send to some surfaces directly."""
         left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
 
-        def dimmed(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
-            rest = left[some] - np.sum((start - shadows.origin[some]) * shadows.direction[some], axis=1)
-            light_there = shadows.light[some]
+        def dimmed(triangle: np.ndarray, rays: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
+            rest = left[rays] - np.sum((start - shadows.origin[rays]) * shadows.direction[rays], axis=1)
+            light_there = shadows.light[rays]
             shapes.dim(
                 self._surfaces(tint),
                 triangle,
                 start,
-                shadows.direction[some],
-                shadows.straight[some],
+                shadows.direction[rays],
+                shadows.straight[rays],
                 rest,
                 light_there,
                 past,
             )
-            shadows.light[some] = light_there
+            shadows.light[rays] = light_there
 
         triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
         kernels.arrive(self._shapes.corners, triangle, shadows, self._gap_mm, light)
@@ -231,18 +231,18 @@ class LitScene:
         passes = self._by_chance(self._tints[0], (0, 0), self._names(of_pixels), rays.direction)
         return self._first_triangle(rays.origin, rays.direction, passes)
 
-    def _by_chance(self, tint: _Tint, place: tuple[int, int], names: Names, direction: np.ndarray) -> _Passes:
-        """`place`: number of the vertex, and of faces of glass before it."""
+    def _by_chance(self, tint: _Tint, numbers: tuple[int, int], names: Names, direction: np.ndarray) -> _Passes:
+        """Surfaces let rays pass by chance. `numbers`: of the next vertex, and of faces of glass before it."""
 
-        def passes(triangle: np.ndarray, some: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
-            dice = draws.points(), names.key[some], names.place[some], draws.passing_stage(*place, layer)
-            shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, direction[some], past)
+        def passes(triangle: np.ndarray, rays: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
+            dice = draws.points(), names.key[rays], names.rank[rays], draws.passing_stage(*numbers, layer)
+            shapes.pass_by_chance(self._surfaces(tint), dice, triangle, start, direction[rays], past)
 
         return passes
 
     def _meet(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, crossing: int = 0) -> None:
         """Write what paths meet."""
-        names, count = Names(paths.key, paths.place), len(paths.power)
+        names, count = Names(paths.key, paths.rank), len(paths.power)
         passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
         hits.triangle[:] = triangle = self._first_triangle(paths.origin, paths.direction, passes)
         albedo = np.full(count, np.nan)
@@ -274,11 +274,11 @@ class LitScene:
         return triangle
 
 
-def _those(arrays: _Arrays, some: np.ndarray) -> _Arrays:
+def _those(arrays: _Arrays, chosen: np.ndarray) -> _Arrays:
     """Rows of arrays with True, contiguous; the arrays themselves if that is all."""
-    if some.all():
+    if chosen.all():
         return type(arrays)(*(np.ascontiguousarray(values) for values in arrays))
-    rows = np.flatnonzero(some)
+    rows = np.flatnonzero(chosen)
     return type(arrays)(*(values.take(rows, axis=0) for values in arrays))
 
 
@@ -287,12 +287,12 @@ def _first_of(arrays: _Arrays, count: int) -> _Arrays:
     return type(arrays)(*(values[:count] for values in arrays))
 
 
-def _first(origin: np.ndarray, direction: np.ndarray, names: Names, some: np.ndarray) -> Paths:
-    """Some rays of the camera as paths."""
-    count = len(some)
+def _from_camera(origin: np.ndarray, direction: np.ndarray, names: Names, rows: np.ndarray) -> Paths:
+    """Rays of the camera, by their rows, as the beginnings of paths."""
+    count = len(rows)
     from_none = np.zeros(count), np.zeros((count, 3)), np.zeros(count), np.zeros(count)
-    rays = origin.take(some, axis=0), direction.take(some, axis=0), np.ones(count)
-    return Paths(*rays, *from_none, names.key.take(some), names.place.take(some), np.arange(count))
+    rays = origin.take(rows, axis=0), direction.take(rows, axis=0), np.ones(count)
+    return Paths(*rays, *from_none, names.key.take(rows), names.rank.take(rows), np.arange(count))
 
 
 def _no_hits(count: int) -> Hits:

@@ -93,12 +93,12 @@ def _wrapped(index, count, mode):
 
 
 @inline
-def _texel(materials, picture, x, y, place):
+def _texel(materials, picture, x, y, component):
     """One component of a texel; column and row as `_wrapped` gives them."""
     if x < 0 or y < 0:
         return 0.0
     first, width = materials.pictures[picture, 0], materials.pictures[picture, 1]
-    return materials.texels[first + y * width + x, place]
+    return materials.texels[first + y * width + x, component]
 
 
 @inline
@@ -225,8 +225,8 @@ class MaterialTable:
         self._names = list(pictures)
         sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures.values()]
         first = np.cumsum([0, *(width * height for width, height in sizes)])
-        places = [(start, *size) for start, size in zip(first, sizes, strict=False)]
-        self._pictures = np.array(places, np.int64).reshape(-1, 3)
+        blocks = [(start, *size) for start, size in zip(first, sizes, strict=False)]
+        self._pictures = np.array(blocks, np.int64).reshape(-1, 3)
         texels = [np.asarray(picture, np.float32).reshape(-1, 4) for picture in pictures.values()]
         self._texels = np.concatenate([np.zeros((0, 4), np.float32), *texels])
         self._materials: list[tuple[Material, float, Mapping[str, int]]] = []
@@ -286,12 +286,12 @@ class MaterialTable:
         colours = {DIFFUSE: material.diffuse_color, EMISSION: material.emissive_color}
         if material.specular_color:
             colours[SPECULAR] = material.specular_color
-        for place, value in colours.items():
-            inputs[place] = self._row(value, raised, columns)
+        for column, value in colours.items():
+            inputs[column] = self._row(value, raised, columns)
         numbers = {METALLIC: material.metallic, ROUGHNESS: material.roughness, OPACITY: material.opacity}
         numbers |= {COAT: material.clearcoat, COAT_ROUGHNESS: material.clearcoat_roughness}
-        for place, value in numbers.items():
-            inputs[place] = self._row(value, np.ones(1), columns)
+        for column, value in numbers.items():
+            inputs[column] = self._row(value, np.ones(1), columns)
         for axis in range(3):
             inputs[NORMAL_X + axis] = self._row(material.normal, np.eye(3)[axis], columns)
         inputs[EMISSION, CONSTANT] += radiance
@@ -308,11 +308,11 @@ class MaterialTable:
         row[CONSTANT] = float(weights @ np.array(value.value))
         if texture is None:
             return row
-        places = [0, 1, 2] if texture.channel == "rgb" else ["rgba".index(texture.channel)]
+        components = [0, 1, 2] if texture.channel == "rgb" else ["rgba".index(texture.channel)]
         row[TEXTURE] = self._names.index(texture.name)
         row[WRAP_S], row[WRAP_T] = (WRAPS.index(wrap) for wrap in texture.wrap)
-        row[CONSTANT] = float(weights @ np.array(texture.bias)[places])
-        row[[COEFFICIENTS + place for place in places]] = weights * np.array(texture.scale)[places]
+        row[CONSTANT] = float(weights @ np.array(texture.bias)[components])
+        row[[COEFFICIENTS + component for component in components]] = weights * np.array(texture.scale)[components]
         row[MAP : MAP + 6], row[FIRST] = texture.st_from_primvar, columns.get(texture.primvar, 0)
         return row
 

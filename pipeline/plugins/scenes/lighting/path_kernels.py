@@ -57,10 +57,10 @@ def reach_lamps(lamps, paths):
     lamps, paths = borrowed((lamps, paths))
     count = 0
     for i in range(paths.power.size):
-        start, way, reaches = row(paths.origin, i), row(paths.direction, i), paths.density[i] == math.inf
+        start, direction, reaches = row(paths.origin, i), row(paths.direction, i), paths.density[i] == math.inf
         for k in range(lamps.table.shape[0]):
-            reaches = reaches or meet_lamp(lamps.table, k, start, way)[0] < math.inf
-            reaches = reaches or far_light(lamps, k, way, 1.0)[0] > 0.0
+            reaches = reaches or meet_lamp(lamps.table, k, start, direction)[0] < math.inf
+            reaches = reaches or far_light(lamps, k, direction, 1.0)[0] > 0.0
         if reaches:
             if count < i:
                 move(paths, i, count)
@@ -75,7 +75,7 @@ def move(paths, i, j):
         paths.origin[j, axis], paths.direction[j, axis] = paths.origin[i, axis], paths.direction[i, axis]
         paths.normal[j, axis] = paths.normal[i, axis]
     paths.power[j], paths.density[j], paths.asked[j] = paths.power[i], paths.density[i], paths.asked[i]
-    paths.absorption[j], paths.key[j], paths.place[j] = paths.absorption[i], paths.key[i], paths.place[i]
+    paths.absorption[j], paths.key[j], paths.rank[j] = paths.absorption[i], paths.key[i], paths.rank[i]
     paths.ray[j] = paths.ray[i]
 
 
@@ -92,23 +92,23 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         hits.distance[i] = math.inf
         if t < 0:
             continue
-        start, way = row(paths.origin, i), row(paths.direction, i)
-        path, normal = path_to(shapes.corners[t], start, way)
-        point = along(start, path, way)
+        start, direction = row(paths.origin, i), row(paths.direction, i)
+        path, normal = path_to(shapes.corners[t], start, direction)
+        point = along(start, path, direction)
         w = weights(shapes.corners[t], normal, point)
         flat, spot, m = unit(normal), Spot(shapes.primvars, t, w), shapes.material[t]
         shading = shading_normal(shapes, materials, t, w, flat)
-        side = -1.0 if dot(flat, way) > 0.0 else 1.0
+        side = -1.0 if dot(flat, direction) > 0.0 else 1.0
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
-        shading = shading if dot(shading, way) < 0.0 else flat
+        shading = shading if dot(shading, direction) < 0.0 else flat
         paint, hits.beyond[i] = paint_at(materials, m, spot), 0.0
         if paths.absorption[i] > 0.0:
             paths.power[i] *= math.exp(-paths.absorption[i] * path)
         if materials.flags[m, INDEX] > 0.0:
             paint, hits.beyond[i] = glass_at(materials, m, spot, side), max(0.0, side) * materials.flags[m, ABSORPTION]
         elif materials.flags[m, VEIL] == CLEAR:
-            paint, more = veiled(layers, materials, m, spot, dot(flat, way), paint)
+            paint, more = veiled(layers, materials, m, spot, dot(flat, direction), paint)
             paths.power[i] *= more
         if not math.isnan(albedo[i]):
             front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha, 0.0)
@@ -130,10 +130,10 @@ def gather(lamps, paths, hits, light):
     lamps, paths, hits, light = borrowed((lamps, paths, hits, light))
     of_each = np.empty(lamps_in(lamps))
     for i in range(paths.power.size):
-        start, way = row(paths.origin, i), row(paths.direction, i)
+        start, direction = row(paths.origin, i), row(paths.direction, i)
         nearest, lamp, bright = hits.distance[i], -1, 0.0
         for k in range(lamps.table.shape[0]):
-            t, cosine = meet_lamp(lamps.table, k, start, way)
+            t, cosine = meet_lamp(lamps.table, k, start, direction)
             if t < nearest:
                 nearest, lamp, bright = t, k, cosine
         if lamp >= 0:
@@ -142,15 +142,15 @@ def gather(lamps, paths, hits, light):
                 chance = _chance(lamps, paths, i, lamp, of_each) * density(lamps.table, lamp, start, nearest, bright)
                 sent = lamps.table[lamp, OF_LAMP]
                 if lamps.table[lamp, EVEN] == 0.0:
-                    sent = radiance_of(lamps, lamp, start, way, nearest)
+                    sent = radiance_of(lamps, lamp, start, direction, nearest)
                 light[paths.ray[i]] += paths.power[i] * sent * power_share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
                 glow = _chance(lamps, paths, i, lamps.table.shape[0], of_each)
-                chance = glow * glow_density(lamps.glow, hits.triangle[i], way, nearest)
+                chance = glow * glow_density(lamps.glow, hits.triangle[i], direction, nearest)
                 light[paths.ray[i]] += paths.power[i] * hits.emission[i] * power_share(paths.density[i], chance)
         else:
-            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, way, of_each)
+            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, direction, of_each)
 
 
 @inline
@@ -172,12 +172,12 @@ def power_share(taken, other):
 
 
 @inline
-def _from_far(lamps, paths, i, way, of_each):
+def _from_far(lamps, paths, i, direction, of_each):
     """Weighted radiance of domes and distant lamps, or the background that the camera sees."""
-    total, has_dome, cosine = 0.0, False, dot(row(paths.normal, i), way)
+    total, has_dome, cosine = 0.0, False, dot(row(paths.normal, i), direction)
     for k in range(lamps.table.shape[0]):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
-        radiance, density_there = far_light(lamps, k, way, cosine)
+        radiance, density_there = far_light(lamps, k, direction, cosine)
         if radiance > 0.0:
             by_path = paths.density[i] < 0.0 and not goes_straight(lamps.table, k)
             share = power_share(paths.density[i], _chance(lamps, paths, i, k, of_each) * density_there)

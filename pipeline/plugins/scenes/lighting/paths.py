@@ -26,7 +26,7 @@ class Paths(NamedTuple):
     absorption: np.ndarray  # coefficient of the medium it is in [1/mm]
     # (n,) uint32, (n,) int64, `draws.Names`
     key: np.ndarray
-    place: np.ndarray
+    rank: np.ndarray
     ray: np.ndarray  # (n,) int64, the ray of the camera that it belongs to
 
 

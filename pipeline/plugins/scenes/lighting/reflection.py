@@ -74,7 +74,7 @@ class Layer(NamedTuple):
     returned: float
 
 
-class SeenSurface(NamedTuple):
+class ViewedSurface(NamedTuple):
     """A surface as it is seen along a direction: what does not depend on where light comes from."""
 
     direction: tuple[float, float, float]
@@ -91,9 +91,9 @@ class SeenSurface(NamedTuple):
 @inline
 def _at(x):
     """Node below a number in [0, 1], and the rest."""
-    place = min(max(x, 0.0), 1.0) * (NODES - 1)
-    i = min(int(place), NODES - 2)
-    return i, place - i
+    position = min(max(x, 0.0), 1.0) * (NODES - 1)
+    i = min(int(position), NODES - 2)
+    return i, position - i
 
 
 @inline
@@ -108,18 +108,18 @@ def _layer(layers, paint, cosine):
     """The layer in a direction; see `Layer`."""
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(math.sqrt(max(cosine, 0.0)))
-    whole, grazing = _between(layers.pairs, i, a, j, b, 0), _between(layers.pairs, i, a, j, b, 1)
-    many = _many(paint.facing, 1.0 - whole, _between(layers.pairs, i, a, j, b, 2))
-    return Layer(many, paint.facing * (whole - grazing) + grazing + many)
+    full, grazing = _between(layers.pairs, i, a, j, b, 0), _between(layers.pairs, i, a, j, b, 1)
+    many = _many(paint.facing, 1.0 - full, _between(layers.pairs, i, a, j, b, 2))
+    return Layer(many, paint.facing * (full - grazing) + grazing + many)
 
 
 @inline
-def _many(facing, others, root):
+def _many(facing, onward, root):
     """Light that comes back after two and more reflections, from all that the first facet sends to others if it absorbs
     nothing. The root of the share is a fraction of linear functions of the reflectance: right to 0.7 % of all light.
     """
-    share = (facing + (1.0 - facing) * root) / (1.0 + (1.0 - facing) * _STAYING * others * others)
-    return others * share * share
+    share = (facing + (1.0 - facing) * root) / (1.0 + (1.0 - facing) * _STAYING * onward * onward)
+    return onward * share * share
 
 
 @inline
@@ -145,27 +145,27 @@ def fresnel(facing, cosine):
 
 
 @inline
-def seen_along(layers, paint, seen):
+def viewed_along(layers, paint, view):
     """The surface as it is seen along a direction."""
     bare = Layer(0.0, 0.0)
     if paint.coat > 0.0:
-        return _coated_along(layers, paint, seen)
+        return _coated_along(layers, paint, view)
     if paint.alpha == 0.0:
-        return SeenSurface(seen, bare, 1.0, 1.0, 0.0, bare, 1.0, 0.0)
-    layer = _layer(layers, paint, seen[2])
+        return ViewedSurface(view, bare, 1.0, 1.0, 0.0, bare, 1.0, 0.0)
+    layer = _layer(layers, paint, view[2])
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(paint.facing)
     many = max(_between(layers.pairs, i, a, j, b, 3), 1e-12)
     kept = max(1.0 - _between(layers.pairs, i, a, j, b, 4), 1e-9)
-    return SeenSurface(seen, layer, many, kept, specular_chance(paint, layer), bare, 1.0, 0.0)
+    return ViewedSurface(view, layer, many, kept, specular_chance(paint, layer), bare, 1.0, 0.0)
 
 
 @unit
-def _coated_along(layers, paint, seen):
+def _coated_along(layers, paint, view):
     """A surface below a clear coat as it is seen along a direction."""
     layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
     if paint.alpha > 0.0:
-        layer = _layer(layers, paint, seen[2])
+        layer = _layer(layers, paint, view[2])
         i, a = _at(math.sqrt(paint.alpha))
         j, b = _at(paint.facing)
         many = _between(layers.pairs, i, a, j, b, 3) - paint.coat * _both_means(layers, paint, 0)
@@ -173,18 +173,18 @@ def _coated_along(layers, paint, seen):
         chance = specular_chance(paint, layer)
     i, a = _at(math.sqrt(paint.coat_alpha))
     j, b = _at(_COAT)
-    coat, coat_many = _coat(layers, paint, seen[2]), paint.coat * _between(layers.pairs, i, a, j, b, 3)
+    coat, coat_many = _coat(layers, paint, view[2]), paint.coat * _between(layers.pairs, i, a, j, b, 3)
     kept -= paint.coat * _between(layers.pairs, i, a, j, b, 4)
     under = (1.0 - coat.returned) * (layer.returned + paint.diffuse * (1.0 - layer.returned))
     follow = min(0.95, max(0.05, coat.returned / (coat.returned + under + 1e-12)))
-    return SeenSurface(seen, layer, max(many, 1e-12), max(kept, 1e-9), chance, coat, max(coat_many, 1e-12), follow)
+    return ViewedSurface(view, layer, max(many, 1e-12), max(kept, 1e-9), chance, coat, max(coat_many, 1e-12), follow)
 
 
 @inline
 def _coat(layers, paint, cosine):
     """The clear coat in a direction."""
-    whole = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA, 0.0), cosine)
-    return Layer(paint.coat * whole.many, paint.coat * whole.returned)
+    layer = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA, 0.0), cosine)
+    return Layer(paint.coat * layer.many, paint.coat * layer.returned)
 
 
 @inline
@@ -210,50 +210,51 @@ def let_through(layers, paint, cosine):
 
 
 @inline
-def reflected(layers, paint, as_seen, lit):
+def reflected(layers, paint, viewed, lit):
     """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
-    if not (as_seen.direction[2] > 0.0 and lit[2] > 0.0):
+    if not (viewed.direction[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
     if paint.coat > 0.0:
-        return _reflected_by_coat(layers, paint, as_seen, lit)
+        return _reflected_by_coat(layers, paint, viewed, lit)
     if paint.alpha == 0.0:
         return paint.diffuse * lit[2] / math.pi, lit[2] / math.pi
-    once, around, density = _of_layers(layers, paint, as_seen, lit)
+    once, around, density = _of_layers(layers, paint, viewed, lit)
     return once + around * lit[2] / math.pi, density
 
 
 @inline
-def _of_layers(layers, paint, as_seen, lit):
+def _of_layers(layers, paint, viewed, lit):
     """Light of single facets, times its cosine, that of all others and of the paint, and the density."""
-    layer, other = as_seen.layer, _layer(layers, paint, lit[2])
-    many = layer.many * other.many / as_seen.many
-    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / as_seen.kept
-    once, single = _once(paint.facing, paint.alpha, as_seen.direction, lit)
-    return once, many + below, as_seen.chance * single + (1.0 - as_seen.chance) * lit[2] / math.pi
+    layer, other = viewed.layer, _layer(layers, paint, lit[2])
+    many = layer.many * other.many / viewed.many
+    below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / viewed.kept
+    once, single = _once(paint.facing, paint.alpha, viewed.direction, lit)
+    return once, many + below, viewed.chance * single + (1.0 - viewed.chance) * lit[2] / math.pi
 
 
 @unit
-def _reflected_by_coat(layers, paint, as_seen, lit):
+def _reflected_by_coat(layers, paint, viewed, lit):
     """Values of `reflected` with a clear coat."""
-    coat, seen = _coat(layers, paint, lit[2]), as_seen.coat
-    once, around, density = 0.0, paint.diffuse / as_seen.kept, lit[2] / math.pi
+    coat, coat_viewed = _coat(layers, paint, lit[2]), viewed.coat
+    once, around, density = 0.0, paint.diffuse / viewed.kept, lit[2] / math.pi
     if paint.alpha > 0.0:
-        once, around, density = _of_layers(layers, paint, as_seen, lit)
-    mirrored, facets = _once(_COAT, paint.coat_alpha, as_seen.direction, lit)
-    around = around * (1.0 - seen.returned) * (1.0 - coat.returned) + seen.many * coat.many / as_seen.coat_many
-    value = once * (1.0 - max(seen.returned, coat.returned)) + paint.coat * mirrored + around * lit[2] / math.pi
-    return value, as_seen.coat_chance * facets + (1.0 - as_seen.coat_chance) * density
+        once, around, density = _of_layers(layers, paint, viewed, lit)
+    mirrored, facets = _once(_COAT, paint.coat_alpha, viewed.direction, lit)
+    around = around * (1.0 - coat_viewed.returned) * (1.0 - coat.returned)
+    around += coat_viewed.many * coat.many / viewed.coat_many
+    value = once * (1.0 - max(coat_viewed.returned, coat.returned)) + paint.coat * mirrored + around * lit[2] / math.pi
+    return value, viewed.coat_chance * facets + (1.0 - viewed.coat_chance) * density
 
 
 @inline
-def _once(facing, alpha, seen, lit):
+def _once(facing, alpha, view, lit):
     """Light that single facets reflect times its cosine, and the density with which facets are chosen."""
-    half = of_length_one((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
-    glance = max(dot(seen, half), 1e-12)
+    half = of_length_one((view[0] + lit[0], view[1] + lit[1], view[2] + lit[2]))
+    glance = max(dot(view, half), 1e-12)
     # Density of facets with this normal, times their visible part.
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
-    facets, visible = alpha * alpha / (math.pi * inner * inner), masking(alpha, seen[2])
-    single = facets * visible / (4.0 * seen[2])
+    facets, visible = alpha * alpha / (math.pi * inner * inner), masking(alpha, view[2])
+    single = facets * visible / (4.0 * view[2])
     return fresnel(facing, glance) * single * _both(visible, masking(alpha, lit[2])), single
 
 
@@ -265,34 +266,34 @@ def specular_chance(paint, layer):
 
 
 @inline
-def scattered(paint, as_seen, pair):
+def scattered(paint, viewed, pair):
     """A direction in which light may have come."""
-    u, seen = pair[0], as_seen.direction
+    u, view = pair[0], viewed.direction
     if paint.coat > 0.0:
-        if u < as_seen.coat_chance:
-            return _mirrored(paint.coat_alpha, seen, u / as_seen.coat_chance, pair[1])
-        u = (u - as_seen.coat_chance) / (1.0 - as_seen.coat_chance)
+        if u < viewed.coat_chance:
+            return _mirrored(paint.coat_alpha, view, u / viewed.coat_chance, pair[1])
+        u = (u - viewed.coat_chance) / (1.0 - viewed.coat_chance)
     if paint.alpha > 0.0:
-        if u < as_seen.chance:
-            return _mirrored(paint.alpha, seen, u / as_seen.chance, pair[1])
-        u = (u - as_seen.chance) / (1.0 - as_seen.chance)
+        if u < viewed.chance:
+            return _mirrored(paint.alpha, view, u / viewed.chance, pair[1])
+        u = (u - viewed.chance) / (1.0 - viewed.chance)
     radius, turn = math.sqrt(u), 2.0 * math.pi * pair[1]
     return radius * math.cos(turn), radius * math.sin(turn), math.sqrt(max(0.0, 1.0 - u))
 
 
 @inline
-def _mirrored(alpha, seen, u, v):
+def _mirrored(alpha, view, u, v):
     """A direction that a visible facet mirrors."""
-    half = visible_facet(alpha, seen, u, v)
-    twice = 2.0 * dot(seen, half)
-    return twice * half[0] - seen[0], twice * half[1] - seen[1], twice * half[2] - seen[2]
+    half = visible_facet(alpha, view, u, v)
+    twice = 2.0 * dot(view, half)
+    return twice * half[0] - view[0], twice * half[1] - view[1], twice * half[2] - view[2]
 
 
 @inline
-def visible_facet(alpha, seen, u, v):
+def visible_facet(alpha, view, u, v):
     """Normal of a facet, by the visible area of facets."""
     # Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
-    x, y, z = of_length_one((alpha * seen[0], alpha * seen[1], seen[2]))
+    x, y, z = of_length_one((alpha * view[0], alpha * view[1], view[2]))
     height, turn = (1.0 - u) * (1.0 + z) - z, 2.0 * math.pi * v
     radius = math.sqrt(max(0.0, 1.0 - height * height))
     cap = radius * math.cos(turn) + x, radius * math.sin(turn) + y, height + z
@@ -305,14 +306,14 @@ def tabled_layers() -> Layers:
     sums = np.empty((NODES, NODES, 3))
     fill_sums(sums, *_DRAWS)
     root = np.linspace(0.0, 1.0, NODES)  # of alpha, which is roughness; of the cosine; and the reflectance
-    whole, grazing = sums[:, :, 0], sums[:, :, 1]
-    g = sums[:, :, 2] / np.maximum(1.0 - whole, 1e-9)
+    full, grazing = sums[:, :, 0], sums[:, :, 1]
+    g = sums[:, :, 2] / np.maximum(1.0 - full, 1e-9)
     features = g, g * root[:, None], np.sqrt(g), np.broadcast_to(root**2, g.shape)
     sums[:, :, 2] = np.tensordot(_ROOT, features, 1)
-    many = _many.function(root[:, None, None], 1.0 - whole, sums[:, :, 2])  # by reflectance first
-    returned = root[:, None, None] * (whole - grazing) + grazing + many
+    many = _many.function(root[:, None, None], 1.0 - full, sums[:, :, 2])  # by reflectance first
+    returned = root[:, None, None] * (full - grazing) + grazing + many
     both, weights = np.stack([many, returned], axis=-1).transpose(1, 0, 2, 3), _weights(root)
-    coat = _COAT * (whole - grazing) + grazing + _many.function(_COAT, 1.0 - whole, sums[:, :, 2])
+    coat = _COAT * (full - grazing) + grazing + _many.function(_COAT, 1.0 - full, sums[:, :, 2])
     step = (NODES - 1) // (COARSE - 1)
     coated = np.einsum("ac,bfck,c->abfk", coat[::step], both[::step, ::step], weights)
     pairs = np.concatenate([sums, np.einsum("aick,c->aik", both, weights)], axis=2)
@@ -342,17 +343,17 @@ def fill_sums(sums, steps, turns):
         alpha = max(LEAST_ALPHA, (i / (nodes - 1)) ** 2)
         for j in range(nodes):
             cosine = max(1e-4, (j / (nodes - 1)) ** 2)
-            seen = math.sqrt(1.0 - cosine * cosine), 0.0, cosine
-            whole, grazing, others, visible = 0.0, 0.0, 0.0, masking(alpha, cosine)
+            view = math.sqrt(1.0 - cosine * cosine), 0.0, cosine
+            full, grazing, onward, visible = 0.0, 0.0, 0.0, masking(alpha, cosine)
             for a in range(steps):
                 s, step = (a + 0.5) / steps, ((a + 1) ** 4 - a**4) / steps**4
                 for b in range(turns):
-                    half = visible_facet(alpha, seen, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
-                    glance = seen[0] * half[0] + seen[2] * half[2]
-                    lit = 2.0 * glance * half[2] - seen[2]
+                    half = visible_facet(alpha, view, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
+                    glance = view[0] * half[0] + view[2] * half[2]
+                    lit = 2.0 * glance * half[2] - view[2]
                     part = step * _both(visible, masking(alpha, lit))
                     schlick = (1.0 - min(max(glance, 0.0), 1.0)) ** 5
-                    whole += part
+                    full += part
                     grazing += part * schlick
-                    others += (step - part) * schlick
-            sums[i, j, 0], sums[i, j, 1], sums[i, j, 2] = whole / turns, grazing / turns, others / turns
+                    onward += (step - part) * schlick
+            sums[i, j, 0], sums[i, j, 1], sums[i, j, 2] = full / turns, grazing / turns, onward / turns

@@ -42,29 +42,29 @@ def through_face(cosine, index):
 
 
 @inline
-def bent(way, normal, cosine, beyond, ratio):
+def bent(direction, normal, cosine, beyond, ratio):
     """Direction of light behind a face, for its cosines before and behind it; the normal points to where it is."""
-    return along(times(1.0 / ratio, way), cosine / ratio - beyond, normal)
+    return along(times(1.0 / ratio, direction), cosine / ratio - beyond, normal)
 
 
 @unit
-def glass_reflected(paint, seen, lit):
+def glass_reflected(paint, view, lit):
     """Light that facets of rough glass bring from a direction, times its cosine, and the density of `glass_scattered`.
 
     Frame of the surface, on whose side z > 0 it is seen; `lit` may be on either side.
     """
     ratio, alpha = paint.ratio, paint.alpha
     if lit[2] > 0.0:
-        half = of_length_one((seen[0] + lit[0], seen[1] + lit[1], seen[2] + lit[2]))
+        half = of_length_one((view[0] + lit[0], view[1] + lit[1], view[2] + lit[2]))
     else:
-        half = seen[0] + ratio * lit[0], seen[1] + ratio * lit[1], seen[2] + ratio * lit[2]
+        half = view[0] + ratio * lit[0], view[1] + ratio * lit[1], view[2] + ratio * lit[2]
         half = of_length_one(times(math.copysign(1.0, half[2]), half))
-    glance, other = dot(seen, half), dot(lit, half)
-    if not (seen[2] > 0.0 and glance > 0.0 and other * lit[2] > 0.0):
+    glance, other = dot(view, half), dot(lit, half)
+    if not (view[2] > 0.0 and glance > 0.0 and other * lit[2] > 0.0):
         return 0.0, 0.0
     share, _ = dielectric(glance, ratio)
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
-    facets = alpha * alpha / (math.pi * inner * inner) * masking(alpha, seen[2]) / seen[2]
+    facets = alpha * alpha / (math.pi * inner * inner) * masking(alpha, view[2]) / view[2]
     if lit[2] > 0.0:
         density = share * facets / 4.0
         return density * masking(alpha, lit[2]), density
@@ -74,13 +74,13 @@ def glass_reflected(paint, seen, lit):
 
 
 @unit
-def glass_scattered(paint, seen, pair, dice):
+def glass_scattered(paint, view, pair, dice):
     """A direction in which light may have come, on either side of rough glass; zero if a facet sends it to another."""
-    half = visible_facet(paint.alpha, seen, pair[0], pair[1])
-    glance = dot(seen, half)
+    half = visible_facet(paint.alpha, view, pair[0], pair[1])
+    glance = dot(view, half)
     share, beyond = dielectric(glance, paint.ratio)
     if dice < share:
-        lit, side = along(times(-1.0, seen), 2.0 * glance, half), 1.0
+        lit, side = along(times(-1.0, view), 2.0 * glance, half), 1.0
     else:
-        lit, side = bent(times(-1.0, seen), half, glance, beyond, paint.ratio), -1.0
+        lit, side = bent(times(-1.0, view), half, glance, beyond, paint.ratio), -1.0
     return lit if side * lit[2] > 0.0 else (0.0, 0.0, 0.0)

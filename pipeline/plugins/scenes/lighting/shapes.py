@@ -76,8 +76,8 @@ def sample_glow(glow, origin, pair):
     w, corners = (1.0 - side, side * (1.0 - pair[1]), side * pair[1]), glow.shapes.corners[t]
     off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
     length = math.sqrt(dot(off, off))
-    way = times(1.0 / length, off)
-    return way, length, _radiance_at(glow, t, w), glow_density(glow, t, way, length)
+    direction = times(1.0 / length, off)
+    return direction, length, _radiance_at(glow, t, w), glow_density(glow, t, direction, length)
 
 
 @unit
@@ -88,11 +88,11 @@ def _radiance_at(glow, t, w):
 
 
 @inline
-def glow_density(glow, t, way, length):
+def glow_density(glow, t, direction, length):
     """Density with which `sample_glow` finds a direction that meets a triangle after a path [1/sr]."""
     corners = glow.shapes.corners[t]
     normal = cross(minus(row(corners, 1), row(corners, 0)), minus(row(corners, 2), row(corners, 0)))
-    cosine = abs(dot(normal, way)) / math.sqrt(dot(normal, normal))
+    cosine = abs(dot(normal, direction)) / math.sqrt(dot(normal, normal))
     return glow.per_mm2[t] * length * length / cosine if cosine > 0.0 else 0.0
 
 
@@ -145,18 +145,18 @@ def _axes_of_st(shapes, t, texture):
 @inline
 def _step_of_st(shapes, t, texture, first, corner):
     """Difference of a texture's s and t at a corner from those at the first."""
-    there, here, m = shapes.primvars[t, corner], shapes.primvars[t, 0], texture[column.MAP : column.MAP + 6]
-    a, b = there[first] - here[first], there[first + 1] - here[first + 1]
+    values, m = shapes.primvars[t], texture[column.MAP : column.MAP + 6]
+    a, b = values[corner, first] - values[0, first], values[corner, first + 1] - values[0, first + 1]
     return m[0] * a + m[1] * b, m[3] * a + m[4] * b
 
 
 @inline
-def _met(surfaces, t, start, way, straight):
+def _met(surfaces, t, start, direction, straight):
     """Path to a triangle, and the share of light that passes it there; also of what goes straight on through glass."""
     shapes, materials, layers = surfaces
-    path, normal = path_to(shapes.corners[t], start, way)
-    w, m = weights(shapes.corners[t], normal, along(start, path, way)), shapes.material[t]
-    cosine = dot(of_length_one(normal), way)
+    path, normal = path_to(shapes.corners[t], start, direction)
+    w, m = weights(shapes.corners[t], normal, along(start, path, direction)), shapes.material[t]
+    cosine = dot(of_length_one(normal), direction)
     if straight and materials.flags[m, column.VEIL] == BODY:
         return path, passing_to_lamps(materials, m, Spot(shapes.primvars, t, w), cosine, path)
     return path, passing(layers, materials, m, Spot(shapes.primvars, t, w), cosine)
@@ -170,13 +170,13 @@ def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
     """
     surfaces, dice, triangle, past = borrowed((surfaces, dice, triangle, past))
     origin, direction = borrowed((origin, direction))
-    points, key, place, stage = dice
+    points, key, rank, stage = dice
     for i in range(triangle.size):
         past[i] = math.nan
         if triangle[i] < 0:
             continue
         path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i), False)
-        if share >= 1.0 or (share > 0.0 and draw(points, key[i], place[i], stage)[0] < share):
+        if share >= 1.0 or (share > 0.0 and draw(points, key[i], rank[i], stage)[0] < share):
             past[i] = path
 
 
@@ -226,7 +226,7 @@ def of_patch(patch: Patch, pose: Float64[np.ndarray, "4 4"], material: int) -> S
         chart = mesh[..., :2]
     else:
         return Shapes(corners, normals, np.zeros((len(mesh), 3, 0)), np.full(len(mesh), material))
-    _, axes, _ = patch.place(np.ascontiguousarray(chart.reshape(-1, 2)))
+    _, axes, _ = patch.surface_at(np.ascontiguousarray(chart.reshape(-1, 2)))
     normals = (axes[:, :, 2] @ pose[:3, :3].T).reshape(-1, 3, 3)
     return Shapes(corners, normals, np.zeros((len(mesh), 3, 0)), np.full(len(mesh), material))
 
@@ -270,10 +270,10 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
 def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
     """Triangles that shine, by area and emission, without an estimate yet; with the sum of the products."""
     emission, power, area = _emission(materials), *np.zeros((2, len(shapes.corners)))
-    some = np.flatnonzero(emission[shapes.material] > 0)  # of few scenes any, and each slice of the light asks
-    edge, next_edge = (shapes.corners[some, k] - shapes.corners[some, 0] for k in (1, 2))
-    area[some] = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
-    power[some] = area[some] * emission[shapes.material[some]]
+    emitting = np.flatnonzero(emission[shapes.material] > 0)  # of few scenes any, and each slice of the light asks
+    edge, next_edge = (shapes.corners[emitting, k] - shapes.corners[emitting, 0] for k in (1, 2))
+    area[emitting] = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)
+    power[emitting] = area[emitting] * emission[shapes.material[emitting]]
     shining = np.flatnonzero(power > 0)
     share = power / power.sum() if len(shining) else power
     per_mm2 = np.divide(share, area, out=np.zeros(len(area)), where=area > 0)

@@ -104,7 +104,7 @@ def sky_of(
     sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
     share = (most + _FLOOR * most.mean() + 1e-12) * sine
     columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
-    whole = columns[:, -1:]
-    rows = np.concatenate([[0.0], np.cumsum(whole[:, 0])])
+    sums = columns[:, -1:]
+    rows = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
     mean = float((texels * sine).mean() / sine.mean())
-    return Dome(picture, raised, rows / rows[-1], columns / whole, mean)
+    return Dome(picture, raised, rows / rows[-1], columns / sums, mean)

@@ -31,7 +31,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
     if not prim.HasAPI("PlenGlassAPI"):
         return None, []
     name = need(prim, "plen:glass")
-    place = prim.GetAttribute("plen:glass") if name else surface.GetInput("ior").GetAttr() or surface.GetPrim()
+    at = prim.GetAttribute("plen:glass") if name else surface.GetInput("ior").GetAttr() or surface.GetPrim()
     lights_nm = list(_camera_nm(prim.GetStage())) or [_RANGE_NM[0]]
     try:
         medium = Medium(label="glass", dispersion=Constant(n=ior))
@@ -40,10 +40,10 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         doubts = [row.doubt_of(medium, nm) for nm in lights_nm]
         wrong = next((index for index in map(medium.index, lights_nm) if not 1 <= index <= _MOST), None)
     except GlassError as error:
-        raise UnreadableValue(error.message, place, error.hint, error.code) from None
+        raise UnreadableValue(error.message, at, error.hint, error.code) from None
     if wrong is not None:
         hint = "glass, acrylic and water have indices from 1.3 to 2"
-        raise UnreadableValue(f"the index of this glass is {wrong:g}, not 1 to {_MOST:g}", place, hint)
+        raise UnreadableValue(f"the index of this glass is {wrong:g}, not 1 to {_MOST:g}", at, hint)
     nm, indices = _tabled(medium)
     glass = Glass(
         wavelengths_nm=nm,
@@ -52,7 +52,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         thickness_mm=need(prim, "plen:internalTransmittanceThickness"),
     )
     doubt = next(filter(None, doubts), None)
-    flaws = [warning(place, "glass-resonance", doubt.message, hint=doubt.hint)] if doubt else []
+    flaws = [warning(at, "glass-resonance", doubt.message, hint=doubt.hint)] if doubt else []
     return glass, flaws
 
 

@@ -98,9 +98,11 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
         if number < 0:
             raise UnreadableValue(f'"{name}" is below 0', prim.GetAttribute(name), hint="sizes are 0 or more")
     sx, sy, sz = (1.0, 1.0, 1.0) if kind in _FAR else frame_of(world_from(prim, times[:1], 1.0)[0])[1]
-    whole = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
+    mean_scale = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
     scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy), 0.0), "cylinder": (sx, math.sqrt(sy * sz))}
-    numbers = [number * unit_mm * scale for number, scale in zip(numbers, scales.get(kind, (whole,)), strict=False)]
+    numbers = [
+        number * unit_mm * scale for number, scale in zip(numbers, scales.get(kind, (mean_scale,)), strict=False)
+    ]
     if _is_point(prim):
         numbers = [_POINT_MM]
     size = (
@@ -117,8 +119,9 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     if texture:
         least, most = picture_of(picture).least, max(lamp.radiance) * picture_of(picture).most
         if not (least >= 0 and most <= _BRIGHTEST):
-            what = f"the picture shines with {least * max(lamp.radiance):g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
-            raise UnreadableValue(what, picture, hint="clip the picture, or lower inputs:intensity")
+            darkest = least * max(lamp.radiance)
+            message = f"the picture shines with {darkest:g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
+            raise UnreadableValue(message, picture, hint="clip the picture, or lower inputs:intensity")
     return LampEntry(prim_path=str(prim.GetPath()), lamp=lamp)
 
 
@@ -166,8 +169,8 @@ def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
         colour = colour * np.array(UsdLux.BlackbodyTemperatureAsRgb(need(prim, "inputs:colorTemperature")))
     if not (colour <= _BRIGHTEST).all():
         hint = "inputs:exposure is a power of two: 10 makes a lamp about a thousand times as bright"
-        what = f"<{prim.GetPath()}> has a radiance of {colour.tolist()}, and images hold {_BRIGHTEST:g} at most"
-        raise UnreadableValue(what, prim, hint=hint)
+        message = f"<{prim.GetPath()}> has a radiance of {colour.tolist()}, and images hold {_BRIGHTEST:g} at most"
+        raise UnreadableValue(message, prim, hint=hint)
     red, green, blue = np.maximum(colour, 0.0).tolist()
     return red, green, blue
 
@@ -187,9 +190,9 @@ def frame_of(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float, float]
     """Unit axes of a transform, (3, 3), at right angles, the last one as it is, and its scales along them."""
     axes = matrix[:3, :3]
     x, y, z = (float(np.linalg.norm(axes[:, k])) for k in range(3))
-    whole = float(abs(np.linalg.det(axes)) ** (1 / 3))
-    if not min(x, y, z) > 0 or np.abs(axes.T @ axes / whole**2 - np.eye(3)).max() <= _EVEN:
-        return axes / (whole or 1.0), (whole, whole, whole)
+    scale = float(abs(np.linalg.det(axes)) ** (1 / 3))
+    if not min(x, y, z) > 0 or np.abs(axes.T @ axes / scale**2 - np.eye(3)).max() <= _EVEN:
+        return axes / (scale or 1.0), (scale, scale, scale)
     forward = axes[:, 2] / z
     right = axes[:, 0] - forward * (forward @ axes[:, 0])
     right = right / np.linalg.norm(right)
@@ -281,8 +284,9 @@ def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
         if shapeless and name.startswith("inputs:shaping:"):
             yield not_drawn(given, f'"{name}" has no effect on a light without an axis or ShapingAPI: it shines evenly')
         elif name.startswith("inputs:") and given.ValueMightBeTimeVarying():
-            what = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
-            yield not_drawn(given, what, "animate its xformOps, or use one lamp per value and hide it in other frames")
+            message = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
+            hint = "animate its xformOps, or use one lamp per value and hide it in other frames"
+            yield not_drawn(given, message, hint)
         elif name.startswith("inputs:") and given.HasAuthoredConnections():
             yield not_drawn(
                 given, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn'
@@ -344,11 +348,11 @@ def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
 def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bool:
     """Whether light of any lamp that is visible in a frame falls on the front of any point of a target."""
     points = target.target.points()
-    some = np.unique(np.linspace(0, len(points.kinds) - 1, min(_POINTS_ASKED, len(points.kinds))).astype(int))
-    if not len(some):
+    sample = np.unique(np.linspace(0, len(points.kinds) - 1, min(_POINTS_ASKED, len(points.kinds))).astype(int))
+    if not len(sample):
         return True
     pose = np.array(frame.world_from_target[target.name])
-    places, fronts = apply(pose, points.position_mm[some]), points.plane_axes[some][:, :, 2] @ pose[:3, :3].T
+    places, fronts = apply(pose, points.position_mm[sample]), points.plane_axes[sample][:, :, 2] @ pose[:3, :3].T
     return any(
         shines(lamps[path], np.array(matrix), places, fronts)
         for path, matrix in frame.world_from_lamp.items()

@@ -100,8 +100,8 @@ def _at_corners(
     try:
         table = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
-        what = f'"{attribute.GetName()}" holds something else than {size} numbers each'
-        raise UnreadableValue(what, attribute) from None
+        message = f'"{attribute.GetName()}" holds something else than {size} numbers each'
+        raise UnreadableValue(message, attribute) from None
     primvar = UsdGeom.Primvar(attribute)
     indices = np.asarray(primvar.GetIndices(), int) if primvar and primvar.IsIndexed() else None
     try:
@@ -112,8 +112,8 @@ def _at_corners(
         lost = (
             f"{len(table)} values, which do not fit its shape" if values else "indices of values that it does not have"
         )
-        what = f'"{attribute.GetName()}" has {lost}'
-        raise UnreadableValue(what, attribute) from None
+        message = f'"{attribute.GetName()}" has {lost}'
+        raise UnreadableValue(message, attribute) from None
 
 
 def _rows(corners: np.ndarray) -> np.ndarray:
@@ -133,8 +133,8 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint="make the lamps brighter instead")
     remarks = dict[Problem, None]()  # meshes share materials
-    seen = (prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong)
-    waiting = alike(seen, look)
+    lit = (prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong)
+    waiting = alike(lit, look)
     blamed = set[Any]()
     while waiting:
         first, *rest = waiting[0]

@@ -103,8 +103,8 @@ def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
     """A picture; PipelineError, without the name of the file, for what is wrong with it."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
-        what = "names the tiles of a picture, which are not drawn" if "<UDIM>" in asset else "cannot be found"
-        raise PipelineError(what, hint=slashes, code="asset-missing")
+        message = "names the tiles of a picture, which are not drawn" if "<UDIM>" in asset else "cannot be found"
+        raise PipelineError(message, hint=slashes, code="asset-missing")
     file, member = Ar.SplitPackageRelativePathInner(path)  # a package may lie in another one
     suffix = Path(member or file).suffix.lower()
     from pipeline.plugins.scenes.picture_files import (  # stages without pictures need no library for them
@@ -117,8 +117,8 @@ def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
         raise PipelineError("is no picture of a kind that is read", hint=hint, code=NotSupported.code)
     file = file_of(path)
     if not is_inside(file, notes_of(stage).folders):
-        what = "lies outside the folders that a stage may read"
-        raise PipelineError(what, hint=OUTSIDE_HINT, code="asset-outside")
+        message = "lies outside the folders that a stage may read"
+        raise PipelineError(message, hint=OUTSIDE_HINT, code="asset-outside")
     try:
         if not Path(file).is_file():
             raise PipelineError("is not a plain file", code="file-kind")

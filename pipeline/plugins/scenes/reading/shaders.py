@@ -80,8 +80,8 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
         faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
         of_face = dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded)) | of_face
         if faces.ValueMightBeTimeVarying():
-            what = "the faces of a subset are animated, and which material a face has is not: the first ones count"
-            each = each._replace(flaws=(*each.flaws, not_drawn(faces, what)))
+            message = "the faces of a subset are animated, and which material a face has is not: the first ones count"
+            each = each._replace(flaws=(*each.flaws, not_drawn(faces, message)))
         shaded.append(each)
     shaded = [_as_light(each, mesh) for each in shaded] if is_mesh_light(mesh) else shaded
     return shaded, of_face
@@ -93,17 +93,17 @@ def _as_light(shaded: Shaded, mesh: Usd.Prim) -> Shaded:
     material, glow = shaded.material, shaded.material.emissive_color
     light = Input(value=colour)
     if mode == "materialGlowTintsLight" and (glow.texture or any(glow.value)) and not glow.primvar:
-        light = Input(value=_times(glow.value, colour), texture=glow.texture)
+        light = Input(value=_product(glow.value, colour), texture=glow.texture)
         if glow.texture:
-            scale, bias = (_times(row, (*colour, 1.0)) for row in (glow.texture.scale, glow.texture.bias))
+            scale, bias = (_product(row, (*colour, 1.0)) for row in (glow.texture.scale, glow.texture.bias))
             light = replace(light, texture=replace(glow.texture, scale=scale, bias=bias))
     if mode == "noMaterialResponse":
         material = Material(diffuse_color=Input(value=(0.0, 0.0, 0.0)), ior=1.0)
     return shaded._replace(material=replace(material, emissive_color=light))
 
 
-def _times(some: Numbers, others: Numbers) -> Numbers:
-    return tuple(one * other for one, other in zip(some, others, strict=True))
+def _product(a: Numbers, b: Numbers) -> Numbers:
+    return tuple(one * other for one, other in zip(a, b, strict=True))
 
 
 _PLACE = 2
@@ -115,18 +115,19 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     shaded, _ = shades(mesh)
     shape, is_glass = drawn(mesh), any(each.material.glass for each in shaded)
     if is_glass:
-        what = "points that are seen through this glass have no ground truth: it hides them as if it were opaque"
-        yield not_drawn(mesh, what, "keep it away from target points whose rows matter")
+        message = "points that are seen through this glass have no ground truth: it hides them as if it were opaque"
+        yield not_drawn(mesh, message, "keep it away from target points whose rows matter")
     if is_glass and len(shape.corners) and not is_closed(shape.points, shape.triangles):
-        what = f"<{mesh.GetPath()}> is of glass and does not close a volume: it is drawn as panes, which bend no light"
-        yield not_drawn(mesh, what, "close the mesh, with all faces turned to the same side, for glass that refracts")
+        flaw = "is of glass and does not close a volume: it is drawn as panes, which bend no light"
+        hint = "close the mesh, with all faces turned to the same side, for glass that refracts"
+        yield not_drawn(mesh, f"<{mesh.GetPath()}> {flaw}", hint)
     for each in shaded:
         yield from (*each.flaws, *[_seen_through(mesh)] * each.is_own_opacity)
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
         if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _PLACE):
-            what = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
+            message = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
             hint = f"write primvars:{wanted.name} with an interpolation"
-            yield not_drawn(mesh, f"{what}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
+            yield not_drawn(mesh, f"{message}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
 
 
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
@@ -157,8 +158,8 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
     if reason is None:
         return colours
     material, why = reason
-    what = f"{why.message}: what it is bound to is drawn in its display colour, grey of 18 % without"
-    return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), what, why.hint)))
+    message = f"{why.message}: what it is bound to is drawn in its display colour, grey of 18 % without"
+    return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), message, why.hint)))
 
 
 def _display_colours(mesh: Usd.Prim) -> Shaded:
@@ -197,7 +198,7 @@ def read_material(material: UsdShade.Material) -> Shaded:
         ("metallic", glass and _differs(record.metallic, (0.0,)), "glass is drawn without its metallic"),
         ("clearcoat", glass and is_coated, "glass is drawn without its clearcoat"),
     )
-    flaws = (not_drawn(surface.GetInput(name).GetAttr(), what) for name, is_so, what in otherwise if is_so)
+    flaws = (not_drawn(surface.GetInput(name).GetAttr(), message) for name, is_so, message in otherwise if is_so)
     network.flaws += [*doubts, *flaws]
     if not glass and (record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1):
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
@@ -211,15 +212,15 @@ def _differs(field: Input, idle: Numbers) -> bool:
 
 def _surface(material: UsdShade.Material) -> UsdShade.Shader:
     """The UsdPreviewSurface of a material."""
-    take(place := material.GetPrim())
+    take(prim := material.GetPrim())
     shaders = [material.ComputeSurfaceSource(context)[0] for context in _SURFACES]
     shader = next((shader for shader in shaders if shader and shader.GetShaderId() == "UsdPreviewSurface"), shaders[0])
     if not shader:
         contexts = sorted(each.GetFullName() for each in material.GetSurfaceOutputs() if each.HasConnectedSource())
-        others = f", only {', '.join(contexts)}" if contexts else ""
-        what = f"<{place.GetPath()}> has no surface for all renderers{others}"
-        raise NotSupported(what, place, hint="connect its outputs:surface to a UsdPreviewSurface")
-    return _known(shader, "UsdPreviewSurface")
+        contexts_named = f", only {', '.join(contexts)}" if contexts else ""
+        message = f"<{prim.GetPath()}> has no surface for all renderers{contexts_named}"
+        raise NotSupported(message, prim, hint="connect its outputs:surface to a UsdPreviewSurface")
+    return _supported(shader, "UsdPreviewSurface")
 
 
 class _Connected(NamedTuple):
@@ -250,9 +251,9 @@ class _Network:
             rgba = self.value(source.shader, "fallback", ()) if source.shader.GetShaderId() == "UsdUVTexture" else ()
             own = tuple(part for name, part in zip("rgba", rgba, strict=False) if name in source.output)
             fallback = own if len(own) == len(fallback) else fallback
-            what = f'{error.message}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
+            message = f'{error.message}: "inputs:{name}" of <{self._surface.GetPath()}> is drawn as {_words(fallback)}'
             if not error.thing.GetStage().GetSessionLayer().GetPropertyAtPath(error.thing.GetPath()):
-                self.flaws.append(not_drawn(error.thing, what, error.hint))  # else `Others` has said so
+                self.flaws.append(not_drawn(error.thing, message, error.hint))  # else `third_party` has said so
             return Input(value=fallback)
 
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
@@ -261,8 +262,8 @@ class _Network:
         attribute = next(iter(given.GetValueProducingAttributes() if given else ()), None)
         if attribute is None:
             if given and (lost := given.GetAttr().GetConnections()):
-                what = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
-                self.flaws.append(not_drawn(given.GetAttr(), what, "write that output, or a value"))
+                message = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
+                self.flaws.append(not_drawn(given.GetAttr(), message, "write that output, or a value"))
             return None
         if UsdShade.Output.IsOutput(attribute):
             return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
@@ -275,28 +276,28 @@ class _Network:
         """A value that cannot have a texture."""
         source = self.source(shader, name)
         if isinstance(source, _Connected):
-            what = f'"inputs:{name}" cannot have a texture: it is drawn as {fallback}'
-            self.flaws.append(not_drawn(shader.GetInput(name).GetAttr(), what, "write a value"))
+            message = f'"inputs:{name}" cannot have a texture: it is drawn as {fallback}'
+            self.flaws.append(not_drawn(shader.GetInput(name).GetAttr(), message, "write a value"))
             return fallback
         return fallback if source is None else plain(source)
 
     def _first(self, attribute: Usd.Attribute) -> Any:
         """The value of an attribute in the first frame."""
         if attribute.ValueMightBeTimeVarying():
-            what = f'"{attribute.GetName()}" is animated, and materials are not: its value in the first frame is drawn'
-            self.flaws.append(not_drawn(attribute, what))
+            flaw = "is animated, and materials are not: its value in the first frame is drawn"
+            self.flaws.append(not_drawn(attribute, f'"{attribute.GetName()}" {flaw}'))
         return first_of(attribute)
 
     def _primvar(self, reader: UsdShade.Shader, fallback: Numbers) -> str:
         """Name of the primvar of a reader."""
-        name = str(self.value(_known(reader, reader.GetShaderId()), "varname", "st"))
+        name = str(self.value(_supported(reader, reader.GetShaderId()), "varname", "st"))
         if not reader.GetInput("varname"):
             self.flaws.append(not_drawn(reader.GetPrim(), 'it names no primvar by "inputs:varname": st is read'))
         given = self.value(reader, "fallback", (0.0,) * len(fallback))
         fallback = tuple(float(number) for number in (given if isinstance(given, tuple) else (given,)))
         if len(self.primvars.setdefault(name, Wanted(name, fallback)).fallback) != len(fallback):
-            what = f'"primvars:{name}" is read as {len(fallback)} numbers and as another count of them'
-            raise NotSupported(what, reader.GetPrim(), hint="read it in one way")
+            message = f'"primvars:{name}" is read as {len(fallback)} numbers and as another count of them'
+            raise NotSupported(message, reader.GetPrim(), hint="read it in one way")
         return name
 
     def _textured(self, source: _Connected, fallback: Numbers) -> Input:
@@ -308,11 +309,11 @@ class _Network:
         return Input(value=fallback, texture=texture)
 
     def _texture(self, source: _Connected, components: int) -> Texture:
-        shader = _known(source.shader, "UsdUVTexture")
+        shader = _supported(source.shader, "UsdUVTexture")
         if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
-            what = f'an input of {components} numbers is connected to "outputs:{source.output}"'
+            message = f'an input of {components} numbers is connected to "outputs:{source.output}"'
             hint = "connect colours to outputs:rgb, and single numbers to outputs:r, g, b or a"
-            raise NotSupported(what, shader.GetPrim(), hint=hint)
+            raise NotSupported(message, shader.GetPrim(), hint=hint)
         self._first(file_attribute(shader))  # warns
         transform, primvar = self._coordinates(shader)
         wraps = tuple(self.value(shader, name, "useMetadata") for name in ("wrapS", "wrapT"))
@@ -329,20 +330,20 @@ class _Network:
 
     def _coordinates(self, texture: UsdShade.Shader) -> tuple[Numbers, str]:
         """The map of a texture's coordinates from a primvar, and its name; without any from "st", with a warning."""
-        whole, shader, name = _UNTRANSFORMED, texture, "st"
+        st_from_primvar, shader, name = _UNTRANSFORMED, texture, "st"
         for _ in range(_MOST_TRANSFORMS):
             source = self.source(shader, name)
             if not isinstance(source, _Connected):
-                what = f'"inputs:{name}" is not connected: the texture is drawn with primvars:st'
-                self.flaws.append(not_drawn(shader.GetPrim(), what, "connect it to a UsdPrimvarReader_float2"))
+                message = f'"inputs:{name}" is not connected: the texture is drawn with primvars:st'
+                self.flaws.append(not_drawn(shader.GetPrim(), message, "connect it to a UsdPrimvarReader_float2"))
                 self.primvars.setdefault("st", Wanted("st", (0.0, 0.0)))
-                return whole, "st"
+                return st_from_primvar, "st"
             shader, name = source.shader, "in"
             if shader.GetShaderId() != "UsdTransform2d":
                 break
-            whole = _chained(whole, self._transform(shader))
-        reader = _known(shader, "UsdPrimvarReader_float2")
-        return whole, self._primvar(reader, (0.0, 0.0))
+            st_from_primvar = _chained(st_from_primvar, self._transform(shader))
+        reader = _supported(shader, "UsdPrimvarReader_float2")
+        return st_from_primvar, self._primvar(reader, (0.0, 0.0))
 
     def _transform(self, shader: UsdShade.Shader) -> Numbers:
         """The affine map of a UsdTransform2d: scale, then rotation, then translation."""
@@ -381,19 +382,19 @@ def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
     }
 
 
-def _known(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
+def _supported(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
     """The shader, if it is the wanted one."""
     if shader.GetShaderId() != wanted:
-        what = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
-        known = "UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader"
-        raise NotSupported(what, shader.GetPrim(), hint=f"connect a {wanted}; known are {known}")
+        message = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
+        supported = "UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader"
+        raise NotSupported(message, shader.GetPrim(), hint=f"connect a {wanted}; known are {supported}")
     take(shader.GetPrim())
     return shader
 
 
 def _seen_through(thing: Usd.Prim | Usd.Property) -> Problem:
-    what = "light passes this surface, and the ground truth does not: it hides points as if it were opaque"
-    return not_drawn(thing, what, "visibility in tables of points counts whole shapes")
+    message = "light passes this surface, and the ground truth does not: it hides points as if it were opaque"
+    return not_drawn(thing, message, "visibility in tables of points counts whole shapes")
 
 
 def _words(values: Numbers) -> str:

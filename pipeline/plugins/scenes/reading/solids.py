@@ -62,13 +62,13 @@ def _turned(parts: list[np.ndarray], tolerance: float) -> Solid:
     c, s = np.cos(angle), np.sin(angle)
     c[-1], s[-1] = c[0], s[0]  # the seam is closed
     lengths = [np.hypot(*np.diff(part[:, :2], axis=0).T) for part in parts]
-    whole = sum(float(length.sum()) for length in lengths) or 1.0
+    total = sum(float(length.sum()) for length in lengths) or 1.0
     points, normals, st, triangles, below, first = [], [], [], [], 0.0, 0
     for part, length in zip(parts, lengths, strict=True):
         rows = len(part)
         points.append(np.stack([np.outer(part[:, 0], c), np.outer(part[:, 0], s), np.outer(part[:, 1], 0 * c + 1)], 2))
         normals.append(np.stack([np.outer(part[:, 2], c), np.outer(part[:, 2], s), np.outer(part[:, 3], 0 * c + 1)], 2))
-        up = (below + np.concatenate([[0.0], np.cumsum(length)])) / whole
+        up = (below + np.concatenate([[0.0], np.cumsum(length)])) / total
         st.append(np.stack(np.broadcast_arrays(angle[None] / (2 * math.pi), up[:, None]), axis=2))
         grid = first + np.arange(rows * (around + 1)).reshape(rows, around + 1)
         a, b, d, e = grid[:-1, :-1].ravel(), grid[:-1, 1:].ravel(), grid[1:, 1:].ravel(), grid[1:, :-1].ravel()

@@ -63,10 +63,10 @@ class Surface:
         goes_on[np.cumsum(lengths)[lengths > 0] - 1] = False
         first = np.flatnonzero(goes_on)
         bare = Cage(self._polygons.vertex, self._polygons.count, sharp, np.zeros(len(self._polygons.points)))
-        known = {(int(a), int(b)): number for number, (a, b) in enumerate(bare.ends)}
+        edge_of = {(int(a), int(b)): number for number, (a, b) in enumerate(bare.ends)}
         of_edge = np.zeros(len(bare.ends))
         for a, b, value in zip(along[first], along[first + 1], sharpness, strict=True):
-            if (edge := known.get((min(int(a), int(b)), max(int(a), int(b))))) is not None:
+            if (edge := edge_of.get((min(int(a), int(b)), max(int(a), int(b))))) is not None:
                 of_edge[edge] = max(of_edge[edge], value)
         return of_edge[bare.edge]
 

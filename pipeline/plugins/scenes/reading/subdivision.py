@@ -120,19 +120,19 @@ class Cage:
         divided = (self.sharp_at(cut) > 1)[self.vertex]
         turned = self.twin[self.before]  # the next corner around the vertex, anticlockwise
         ends = (turned < 0) | (cut[self.edge[self.before]] & divided)
-        fan, place = np.full(len(self.vertex), -1), np.zeros(len(self.vertex), int)
+        fan, rank = np.full(len(self.vertex), -1), np.zeros(len(self.vertex), int)
         starts = np.flatnonzero((cut[self.edge] & divided) | (self.twin < 0))
         while True:
             corner, k, mine = starts, 0, starts
             while len(corner):
-                fan[corner], place[corner] = mine, k
+                fan[corner], rank[corner] = mine, k
                 goes_on = ~ends[corner]
                 corner, mine, k = turned[corner[goes_on]], mine[goes_on], k + 1
                 fresh = fan[corner] < 0
                 corner, mine = corner[fresh], mine[fresh]
             left = np.flatnonzero(fan < 0)
             if not len(left):
-                return fan, place
+                return fan, rank
             starts = left[np.unique(self.vertex[left], return_index=True)[1]]
 
 
@@ -183,8 +183,8 @@ class _Rules:
         number = self.cage.sharp_at(ending) + corner_ends
         share = np.where(number > 0, (total + np.where(corner_ends, corner, 0.0)) / np.maximum(number, 1), 1.0)
         smooth = self._smooth()
-        here, there = (self._mixed(edge > level, corner > level, smooth, 1 / 8) for level in (0, 1))
-        return _scaled(share, here) + _scaled(1 - share, there)
+        now, after = (self._mixed(edge > level, corner > level, smooth, 1 / 8) for level in (0, 1))
+        return _scaled(share, now) + _scaled(1 - share, after)
 
     def _mixed(
         self, sharp: np.ndarray, is_corner: np.ndarray, smooth: sparse.csr_matrix, beside: float
@@ -358,25 +358,25 @@ def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -
     for each side of a crease; at corners and for bilinear faces those of the faces.
     """
     after, before = points[cage.vertex[cage.after]], points[cage.vertex[cage.before]]
-    here = points[cage.vertex]
-    flat = _unit(np.cross(after - here, before - here))
+    apex = points[cage.vertex]
+    flat = _unit(np.cross(after - apex, before - apex))
     if scheme == BILINEAR:
         return flat
     sharp = cage.edge_sharp > 0
-    fan, place = cage.fans(sharp)
+    fan, rank = cage.fans(sharp)
     size = np.bincount(fan, minlength=len(fan))[fan]
     number = cage.sharp_at(sharp)
     is_open = (number > 1)[cage.vertex]
-    weights = _tangent_weights(scheme, size, place, is_open)
+    weights = _tangent_weights(scheme, size, rank, is_open)
     across = points[cage.vertex[cage.after[cage.after]]]
-    is_last, is_first = is_open & (place == size - 1), is_open & (place == 0)
+    is_last, is_first = is_open & (rank == size - 1), is_open & (rank == 0)
     tangents = []
     for near, far, last, itself in (
         (weights[0], weights[1], -np.ones(len(fan)), np.zeros(len(fan))),
         (weights[2], weights[3], weights[4], weights[5]),
     ):
         part = near[:, None] * after + far[:, None] * across
-        part += np.where(is_last, last, 0.0)[:, None] * before + np.where(is_first, itself, 0.0)[:, None] * here
+        part += np.where(is_last, last, 0.0)[:, None] * before + np.where(is_first, itself, 0.0)[:, None] * apex
         tangents.append(np.stack([np.bincount(fan, part[:, k], len(fan)) for k in range(3)], axis=1))
     normal = np.cross(tangents[0], tangents[1])
     mean = _unit(np.stack([np.bincount(fan, flat[:, k], len(fan)) for k in range(3)], axis=1))

@@ -22,24 +22,24 @@ _UPRIGHT = 0.7
 """Cosine of an angle to the axis that a transform leaves where it is [1]: 45 degrees."""
 
 
-def check_units(stage: Usd.Stage, others: ThirdPartyLayers) -> Iterator[Problem]:
+def check_units(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """A warning for each prim that brings in lengths or an axis other than its own, and does not convert them."""
-    for prim in stage.Traverse() if others.layers else ():
+    for prim in stage.Traverse() if third_party.layers else ():
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
                 is_used = arc.GetArcType() in (Pcp.ArcTypeReference, Pcp.ArcTypePayload) and not arc.IsAncestral()
-                if is_used and arc.GetTargetLayer() in others.layers and (bad := _unconverted(prim, arc)):
+                if is_used and arc.GetTargetLayer() in third_party.layers and (bad := _unconverted(prim, arc)):
                     yield bad
                     break
 
 
 def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
-    here, there = arc.GetIntroducingNode().layerStack, arc.GetTargetNode().layerStack
-    mine, file = here.identifier.rootLayer, there.identifier.rootLayer
+    stage_stack, file_stack = arc.GetIntroducingNode().layerStack, arc.GetTargetNode().layerStack
+    mine, file = stage_stack.identifier.rootLayer, file_stack.identifier.rootLayer
     (unit, up), (its_unit, its_up) = _units(mine), _units(file)
     if min(unit, its_unit) <= 0 or (unit, up) == (its_unit, its_up):
         return None
-    layers = set(here.layers), set(there.layers)
+    layers = set(stage_stack.layers), set(file_stack.layers)
     ratio, matrix = its_unit / unit, _matrix(prim, *layers)
     scale, resolved = (float(abs(np.linalg.det(m)) ** (1 / 3)) for m in (matrix, _matrix(prim, *layers, _RESOLVING)))
     is_sized = min(abs(ratio - 1), abs(resolved / ratio - 1)) <= _SAME
@@ -48,10 +48,10 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     is_turned = up == its_up or axis @ matrix @ axis < _UPRIGHT * np.linalg.norm(matrix @ axis)
     if is_sized and is_turned:
         return None
-    what, ops = [], []
+    faults, ops = [], []
     if not is_turned:
         ops += [(f"double xformOp:rotateX{_RESOLVING}", "-90" if its_up == "Z" else "90")]
-        what += [f"{its_up} is up in {shown_path(file.realPath)}, {up} here, and nobody turns it"]
+        faults += [f"{its_up} is up in {shown_path(file.realPath)}, {up} here, and nobody turns it"]
     if not is_sized:
         ops += [(f"double3 xformOp:scale{_RESOLVING}", f"({ratio:.10g}, {ratio:.10g}, {ratio:.10g})")]
         cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
@@ -59,11 +59,11 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
         metres = max(box.GetSize()) * UsdGeom.GetStageMetersPerUnit(prim.GetStage()) if not box.IsEmpty() else 0.0
         sizes = f"is {_length(metres * ratio / (scale or 1.0))} large by its own units and {_length(metres)} here"
         counted = f'metersPerUnit is {its_unit:g} in {shown_path(file.realPath)} and {unit:g} here: "{prim.GetName()}" '
-        what += [counted + (sizes if metres > 0 else "has lengths of another unit")]
-    hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, there, ops)}"
+        faults += [counted + (sizes if metres > 0 else "has lengths of another unit")]
+    hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, file_stack, ops)}"
     if not prim.IsA(UsdGeom.Xformable):
         hint = f"put it below an Xform; there {hint}"
-    return warning(prim, "asset-units", "; ".join(what), hint=hint)
+    return warning(prim, "asset-units", "; ".join(faults), hint=hint)
 
 
 def _units(layer: Sdf.Layer) -> tuple[float, str]:
@@ -74,25 +74,26 @@ def _units(layer: Sdf.Layer) -> tuple[float, str]:
     return float(unit), up if up in ("Y", "Z") else "Y"
 
 
-def _matrix(prim: Usd.Prim, here: set[Sdf.Layer], there: set[Sdf.Layer], kind: str = "") -> np.ndarray:
+def _matrix(prim: Usd.Prim, stage_layers: set[Sdf.Layer], file_layers: set[Sdf.Layer], kind: str = "") -> np.ndarray:
     """Linear part of the transforms above what is brought in, on column vectors (3, 3), of all ops or those of a kind.
 
     What the brought in file itself moves is no part of it.
     """
     matrix = np.eye(3)
     for link in ancestry(prim):
-        is_inside = any(spec.layer in here for spec in specs(link.GetParent()))  # of what the layer stack brought in
+        # Whether the prim lies below one that the stage's own layers place.
+        is_inside = any(spec.layer in stage_layers for spec in specs(link.GetParent()))
         for op in reversed(xform_ops(link)):
             layer = next((spec.layer for spec in specs(op.GetAttr())), None)
-            if op.GetName().endswith(kind) and (layer in here or (is_inside and layer not in there)):
+            if op.GetName().endswith(kind) and (layer in stage_layers or (is_inside and layer not in file_layers)):
                 matrix = np.array(op.GetOpTransform(Usd.TimeCode.EarliestTime()))[:3, :3].T @ matrix
     return matrix
 
 
-def _order(prim: Usd.Prim, there: Pcp.LayerStack, ops: list[tuple[str, str]]) -> str:
+def _order(prim: Usd.Prim, file_stack: Pcp.LayerStack, ops: list[tuple[str, str]]) -> str:
     """The xformOpOrder with the conversion before what the file itself moves."""
     names = list(prim.GetAttribute("xformOpOrder").Get() or ()) if prim.GetAttribute("xformOpOrder") else []
-    layers = set(there.layers)
+    layers = set(file_stack.layers)
     its = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
     added = [op.split()[1] for op, _ in ops]
     order = [name for name in names if name not in its and name not in added] + added + its

@@ -35,8 +35,8 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         try:
             instances = _instances(UsdGeom.PointInstancer(prim), frames)
         except (Tf.ErrorException, TypeError, ValueError, IndexError):
-            what = "its prototypes, protoIndices and arrays of values do not fit, or are not finite"
-            message = f"<{prim.GetPath()}> is not drawn: {what}"
+            fault = "its prototypes, protoIndices and arrays of values do not fit, or are not finite"
+            message = f"<{prim.GetPath()}> is not drawn: {fault}"
             problems.append(not_drawn(prim, message))
             _write_instances(prim, [])  # hides the prototypes
             continue
@@ -153,29 +153,29 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
                 spec.typeName = "Scope"
             _token(spec, "visibility").default = UsdGeom.Tokens.invisible
         for number, instance in enumerate(instances):
-            whole = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
-            whole.specifier, whole.typeName, whole.instanceable = Sdf.SpecifierDef, "Xform", False
-            _write_poses(whole, instance, frames)
+            placed = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
+            placed.specifier, placed.typeName, placed.instanceable = Sdf.SpecifierDef, "Xform", False
+            _write_poses(placed, instance, frames)
             for name, kind, values in colours:
-                attribute = Sdf.AttributeSpec(whole, name, kind)
+                attribute = Sdf.AttributeSpec(placed, name, kind)
                 attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
                 of_frame = {frame: type(values[frame])([values[frame][at]]) for frame, at in instance.places.items()}
                 attribute.default = first = next(iter(of_frame.values()))
                 for frame, value in of_frame.items() if any(each != first for each in of_frame.values()) else ():
                     layer.SetTimeSample(attribute.path, frame, value)
             for name, material in bound[instance.prototype].items():
-                whole.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["MaterialBindingAPI"]))
-                Sdf.RelationshipSpec(whole, name, custom=False).targetPathList.explicitItems = [material]
-            shape = Sdf.PrimSpec(whole, "Shape", Sdf.SpecifierDef)
+                placed.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["MaterialBindingAPI"]))
+                Sdf.RelationshipSpec(placed, name, custom=False).targetPathList.explicitItems = [material]
+            shape = Sdf.PrimSpec(placed, "Shape", Sdf.SpecifierDef)
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
                 _token(shape, "visibility").default = hidden[instance.prototype]
     with Usd.EditContext(stage, layer):
         for number, instance in enumerate(instances):
-            whole_prim = stage.GetPrimAtPath(path.AppendChild(f"{_INSTANCE}{number}"))
+            placed_prim = stage.GetPrimAtPath(path.AppendChild(f"{_INSTANCE}{number}"))
             for attribute in _carried_above(stage.GetPrimAtPath(instance.prototype), prim):
-                if not whole_prim.HasProperty(attribute.GetName()):
-                    attribute.FlattenTo(whole_prim)
+                if not placed_prim.HasProperty(attribute.GetName()):
+                    attribute.FlattenTo(placed_prim)
     return problems
 
 
@@ -200,21 +200,21 @@ def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path
     return bindings
 
 
-def _write_poses(whole: Sdf.PrimSpec, instance: _Instance, frames: list[float]) -> None:
-    order = Sdf.AttributeSpec(whole, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+def _write_poses(placed: Sdf.PrimSpec, instance: _Instance, frames: list[float]) -> None:
+    order = Sdf.AttributeSpec(placed, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
     order.default = ["xformOp:transform"]
-    transform = Sdf.AttributeSpec(whole, "xformOp:transform", Sdf.ValueTypeNames.Matrix4d)
+    transform = Sdf.AttributeSpec(placed, "xformOp:transform", Sdf.ValueTypeNames.Matrix4d)
     first = next(iter(instance.poses.values()))
     if len(frames) < 2:
         transform.default = first
         return
-    visibility = _token(whole, "visibility") if len(instance.poses) < len(frames) else None
+    visibility = _token(placed, "visibility") if len(instance.poses) < len(frames) else None
     for frame in frames:
         is_there = frame in instance.poses
-        whole.layer.SetTimeSample(transform.path, frame, instance.poses.get(frame, first))
+        placed.layer.SetTimeSample(transform.path, frame, instance.poses.get(frame, first))
         if visibility:
             shown = UsdGeom.Tokens.inherited if is_there else UsdGeom.Tokens.invisible
-            whole.layer.SetTimeSample(visibility.path, frame, shown)
+            placed.layer.SetTimeSample(visibility.path, frame, shown)
 
 
 def _token(prim: Sdf.PrimSpec, name: str) -> Sdf.AttributeSpec:

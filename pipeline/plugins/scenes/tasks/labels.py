@@ -37,15 +37,15 @@ def labels_tile(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Pat
     if "next" in inputs:
         then = SightLines(imaged_rig({"camera": inputs["next"]}, exposure))
 
-    def seen(some: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
-        band, scenes = Band.of(rig, rows, columns), [_scene(each, inputs) for each in some]
+    def labelled(params_of_scenes: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
+        band, scenes = Band.of(rig, rows, columns), [_scene(each, inputs) for each in params_of_scenes]
         return labels_of(band, exposure.samples, scenes, (lines, then))
 
     still = [each for each in params if each.shutter is None]
-    alike = iter(seen(still, params[0].rows) if still else ())
+    alike = iter(labelled(still, params[0].rows) if still else ())
     size_px = rig.tracer.camera.sensor.size_px
     for each, out in zip(params, outs, strict=True):
-        labels = _line_by_line(each, each.shutter, size_px, seen) if each.shutter else next(alike)
+        labels = _line_by_line(each, each.shutter, size_px, labelled) if each.shutter else next(alike)
         write_npy(out / _ROWS, labels)
 
 
@@ -53,7 +53,7 @@ def _line_by_line(
     params: LabelsTile,
     shutter: Shutter,
     size_px: tuple[int, int],
-    seen: Callable[[Sequence[LabelsTile], Rows, Rows], list[np.ndarray]],
+    labelled: Callable[[Sequence[LabelsTile], Rows, Rows], list[np.ndarray]],
 ) -> np.ndarray:
     """Labels of rows before a shutter: those of each line in the middle of its exposure."""
     parts = []
@@ -62,7 +62,7 @@ def _line_by_line(
         if params.camera_motion:
             pose = params.camera_motion.at(np.array([time_s]))[0].tolist()
         then = replace(params, view=lit_at(params.view, time_s), world_from_vision=pose)
-        parts += seen([then], rows, columns)
+        parts += labelled([then], rows, columns)
     return np.concatenate(parts, axis=1 - shutter.axis)
 
 
@@ -73,11 +73,13 @@ def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
         occluders = [None if then is None else placed_occluder(then) for then in after.occluders]
         motions = [None if then is None else then.motion for then in (*after.targets, *after.occluders)]
         later = Later(poses, occluders, after.shutter, motions)
-    targets, others = list(map(placed_target, params.view.targets)), list(map(placed_occluder, params.view.occluders))
+    targets = list(map(placed_target, params.view.targets))
     lit = lit_view(params.view, inputs).in_light(0) if params.view.lighting else None
     world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
     ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
-    return Things(targets, others, later, lit), Asked(asked.tokens, asked.targets, ids, world_from_vision)
+    return Things(targets, list(map(placed_occluder, params.view.occluders)), later, lit), Asked(
+        asked.tokens, asked.targets, ids, world_from_vision
+    )
 
 
 def labels(params: Labels, inputs: Inputs, out: Path) -> None:
@@ -86,10 +88,10 @@ def labels(params: Labels, inputs: Inputs, out: Path) -> None:
     stacked = StackedRows([inputs[f"tile{number}"][_ROWS] for number in range(params.tiles)])
     names = Asked(asked.tokens, asked.targets, dict.fromkeys(asked.mattes, np.zeros(0))).channels
 
-    def whole(channels: Sequence[str]) -> dict[str, np.ndarray]:
-        here = [(name, names.index(name)) for name in channels if name in names]
+    def channels_of(channels: Sequence[str]) -> dict[str, np.ndarray]:
+        columns = [(name, names.index(name)) for name in channels if name in names]
         bands = [stacked.rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
-        return {name: np.concatenate([band[..., column] for band in bands]) for name, column in here}
+        return {name: np.concatenate([band[..., column] for band in bands]) for name, column in columns}
 
     attributes = {"content": "what pixels see, by their light: docs/labels.md", **images.labels_of(params.exposure)}
     for matte, of_things in asked.mattes.items():
@@ -98,9 +100,9 @@ def labels(params: Labels, inputs: Inputs, out: Path) -> None:
     shape, rows = (height, width), stacked.rows
     part = BandedPart(name="labels", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)
     write_bands(out / LABELS, [part])
-    write_png(out / PREVIEW, preview(whole(SHOWN)))
+    write_png(out / PREVIEW, preview(channels_of(SHOWN)))
     if asked.targets:
-        boxes = {name: _box(whole([f"targets.{name}"])[f"targets.{name}"]) for name in asked.targets}
+        boxes = {name: _box(channels_of([f"targets.{name}"])[f"targets.{name}"]) for name in asked.targets}
         write_json(out / BOXES, {"box_px": "left, top, right, bottom", "targets": boxes})
 
 
