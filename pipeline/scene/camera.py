@@ -1,4 +1,4 @@
-"""A camera with its settings: its parts must fit together, and its focus must be in reach."""
+"""Reader and checks of a camera: its parts must fit together, and its focus must be in reach."""
 
 import math
 from collections import Counter
@@ -75,14 +75,14 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
 
 
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
-    """The record of a Camera with the model of its lens; a request if a focus or a matched stop is asked for."""
+    """The record of a Camera with its lens model; a request if it asks for a focus or a matched stop."""
     alone = with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
     return replace(alone, prescription=behind_fixed(prim, alone.prescription))
 
 
 @read_once
 def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
-    """The record with the lens as it is prescribed."""
+    """The record with the prescribed lens, without windows."""
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
     lens, light_nm = target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
     microlenses = read_microlenses(array, need(prim, "plen:camera:microlensDistance"), light_nm) if array else None
@@ -185,7 +185,7 @@ def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Pr
 
 
 def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
-    """Problems of attributes about the focus that contradict each other, the lens or its microlenses."""
+    """Problems of focus attributes that contradict each other, the lens or its microlenses."""
     sensor, focus = camera.GetAttribute(_SENSOR), camera.GetAttribute(_FOCUS)
     if groups := read(camera, _GROUPS):
         lens = target(camera, "plen:camera:lens", "PlenLens")
@@ -208,7 +208,7 @@ def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
-    """A focus out of reach; then warnings about what the microlenses see."""
+    """A problem of a focus out of reach, or warnings about F-numbers and microlenses."""
     try:
         record = read_camera(camera)
     except PipelineError as error:
@@ -253,8 +253,8 @@ def _blamed(camera: Usd.Prim, error: PipelineError | ArithmeticError) -> Usd.Pri
 
 
 def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
-    """A problem of a camera without errors: no near and far planes can be derived from its focus, or they are asked for
-    and its lens sees what never meets them.
+    """A problem of a camera without errors: its focus yields no near and far planes, or its field of view reaches
+    beside planes that a method needs.
     """
     try:
         fan = pupil_fan(focused(read_camera(camera)).prescription)

@@ -1,4 +1,4 @@
-"""Colour channels of a sensor: their quadrature wavelengths, and the lens at each of these."""
+"""Readers and checks of colour channels: their quadrature wavelengths, and the lens at each of these."""
 
 import contextlib
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ def channel_prims(sensor: Usd.Prim) -> list[Usd.Prim]:
 
 
 def images_of(camera: Usd.Prim) -> int:
-    """Number of cameras that one counts for: each channel of its sensor is one."""
+    """Number of images of a camera in a frame: one for each channel of its sensor."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     return max(1, len(channel_prims(sensor)) if sensor else 1)
 
@@ -134,7 +134,7 @@ def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode
 
 
 def check_illuminant(root: Usd.Prim) -> Iterator[Problem]:
-    """A PlenDataset whose illuminant nobody knows."""
+    """A problem of a PlenDataset with an unknown illuminant."""
     name = read(root, "plen:illuminant")
     if name in (None, "E"):
         return
@@ -181,7 +181,7 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_channels(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
-    """The channels of a camera against what its lens and its microlenses know of their light."""
+    """Problems of the light of channels, of which lens or microlenses lack the index."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     if not sensor or not channel_prims(sensor):
         return

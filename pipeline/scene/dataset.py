@@ -1,4 +1,4 @@
-"""Records of a dataset, through which the rest of the pipeline sees a stage."""
+"""Records of a dataset: all that the rest of the pipeline knows of a stage."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ class VariedNumber(Generic[R]):
     more: R
 
     def seen_as(self, view: Callable[[R], S]) -> "VariedNumber[S]":
-        """The same with a part, or another form, of what was read."""
+        """The number with a part, or another form, of both records."""
         ends = view(self.less), view(self.more)
         return VariedNumber(name=self.name, unit=self.unit, step=self.step, less=ends[0], more=ends[1])
 
@@ -114,7 +114,7 @@ class CameraEntry:
 
     @cached_property
     def group_shift_mm(self) -> float | None:
-        """Way of its focus groups towards the sensor, solved at first use; None where none moves."""
+        """Shift of its focus groups towards the sensor, solved at first use; None without focus groups."""
         asked = self.asked
         return group_shift(asked) if isinstance(asked, FocusRequest) and asked.focus_groups else None
 
@@ -211,7 +211,7 @@ class PictureEntry:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motions:
     """Motions before a camera while its shutter is open, in its vision frame: of targets by name, and of occluders and
-    lamps by prim path; and its own in the world, world_from_vision. What does not move has none.
+    lamps by prim path; and its own in the world, world_from_vision. A thing that stands still has none.
     """
 
     targets: dict[str, Motion]

@@ -1,4 +1,4 @@
-"""Values that are written on a stage, kept by a build so that a later plan can name what was edited since."""
+"""Values that are written on a stage. A build keeps them, so that a later plan can name the edits since."""
 
 import json
 import re
@@ -18,10 +18,10 @@ _SAYS_NOTHING = {
     *("documentation", "comment", "customData", "customLayerData", "fallbackPrimTypes", "assetInfo"),
     *("custom", "variability", "typeName"),
 }
-"""Metadata that does not affect a build, or the value of a prim."""
+"""Metadata without effect on a build, and metadata that `written_on` has elsewhere."""
 _VALUES = ("default", "targetPaths", "connectionPaths")
 _ARCS = ("references", "payload", "inheritPaths", "specializes", "variantSelection", "subLayers")
-"""Composition arcs: all that changes in other files because of one is one edit."""
+"""Composition arcs: all changes in other files that follow from one are one edit."""
 
 Written = dict[str, Any]
 """JSON values: of `/A` its type, of `/A.x` and `/A.x@3` a default value and a time sample, of `/A|field` metadata."""
@@ -51,7 +51,7 @@ def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
 
 
 def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
-    """Differences between two states of a stage, the outermost first; `file` is in the new state."""
+    """Edits between two states of a stage, the outermost first; `file` is in the new state."""
     stage, _ = open_stage(file)
     changed = []
     for key in [key for key in old.keys() | new.keys() if old.get(key) != new.get(key)]:
@@ -72,17 +72,17 @@ def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
 
 
 def _is_cause(edit: Edit) -> bool:
-    """Whether other edits follow from one: of an arc, or of a prim that came or went."""
+    """Whether other edits may follow from this one: that of an arc, or of a prim that came or went."""
     return edit.field in _ARCS if edit.field else "." not in edit.at and None in (edit.old, edit.new)
 
 
 def _order(edit: Edit) -> tuple[bool, str, bool, str, float]:
-    """Whole prims and arcs first, an arc before the prims that come with it; samples by their time."""
+    """Sort key: prims and arcs first, an arc before the prims that come with it; samples by their time."""
     return not _is_cause(edit), edit.at, edit.field is None, edit.field or "", edit.time or 0.0
 
 
 def _written_at(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
-    """File and line of a statement; of one that is gone those of the prim that held it."""
+    """File and line of an edit; for a removed statement those of the prim that held it."""
     if edit.at == "/":
         root = stage.GetRootLayer().realPath
         return shown_path(root), line_of_metadata(root, edit.field or "")
@@ -101,7 +101,7 @@ def _written_at(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
 
 
 def is_below(path: str, above: str) -> bool:
-    """Whether a path is that of a whole or of something in it."""
+    """Whether a path is that of a prim, or of a prim or property below it."""
     return above in ("/", path) or path.startswith((f"{above}/", f"{above}."))
 
 

@@ -1,4 +1,4 @@
-"""A lens: its prescription with surfaces, groups and glasses, and whether it can be built.
+"""Readers and checks of a lens: its prescription with surfaces, groups and glasses.
 
 Dispersion formulas are evaluated here, while a stage is read: records carry plain numbers, and tasks know no glass.
 """
@@ -92,7 +92,7 @@ def _read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
 
 
 def _stretch(order: list[str], names: list[str]) -> list[str]:
-    """As many surfaces as there are names, from the first of these on."""
+    """The slice of the order with as many surfaces as names, from the first name on."""
     first = order.index(names[0]) if names[0] in order else len(order)
     return order[first : first + len(names)]
 
@@ -121,7 +121,7 @@ def uses_catalogue(lens: Usd.Prim) -> bool:
 
 
 def knows_one_wavelength(lens: Usd.Prim) -> bool:
-    """Whether indices of a lens are printed, for its wavelength; an ideal thin lens has none, and works at any."""
+    """Whether indices of a lens are printed for one wavelength; an ideal thin lens has none, and works at any."""
     is_printed = read(lens, "plen:indexSource") == "printed"
     return is_printed and any(read(prim, "plen:index") != 1 for prim in ordered_surfaces(lens))
 
@@ -162,7 +162,7 @@ def index_source(lens: Usd.Prim) -> str:
 
 
 def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:
-    """The media behind surfaces of a lens, by their paths, and the problems of those that are not there."""
+    """The media behind surfaces of a lens, by their paths, and the problems of media that cannot be found."""
     media, problems = dict[Sdf.Path, Medium](), list[Problem]()
     for prim in prims:
         try:

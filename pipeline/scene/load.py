@@ -1,4 +1,4 @@
-"""Loading of stages: the path of a stage becomes records or problems."""
+"""Loading of stages: from the path of a stage to records or problems."""
 
 import re
 from collections.abc import Callable, Iterable

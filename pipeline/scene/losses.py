@@ -1,6 +1,4 @@
-"""Losses of light in coatings and glasses of a lens and its windows by wavelength, and data that do not cover the light
-of a camera.
-"""
+"""Readers and checks of losses by wavelength: coatings and absorption of a lens and its windows."""
 
 from collections.abc import Iterator, Sequence
 
@@ -37,15 +35,15 @@ _SLACK_DEG = 0.005
 
 
 def losses_at(camera: Usd.Prim, wavelength_nm: float) -> Losses | None:
-    """Losses of the lens of a camera at a wavelength; None: it is ideal. PrescriptionError for coatings that are none,
-    GlassError where the absorption of a glass is not known, or not at that wavelength.
+    """Losses of the lens of a camera at a wavelength; None for an ideal lens. PrescriptionError for impossible
+    coatings, GlassError where the absorption of a glass is unknown at that wavelength.
     """
     lens = target(camera, "plen:camera:lens", "PlenLens")
     return read_losses(camera, wavelength_nm) if _loses_light(camera, lens) else None
 
 
 def _loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
-    """Whether surfaces and glasses of the lens of a camera take light: a model camera has none."""
+    """Whether surfaces and glasses of the lens of a camera lose light: a model camera has none."""
     is_real = need(camera, "plen:camera:model") == "prescription"
     return is_real and bool(need(lens, "plen:transmission") == "surfaces")
 
@@ -99,7 +97,7 @@ def _share_per_mm(surface: Usd.Prim, lens: Usd.Prim, wavelength_nm: float) -> fl
 
 
 def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
-    """Problems of what the surfaces and glasses of the lens of a Camera take, at the wavelengths that it sees."""
+    """Problems of coatings and absorption of the lens of a Camera, at the wavelengths of its light."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     if not lens:
         return

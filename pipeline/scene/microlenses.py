@@ -1,4 +1,4 @@
-"""Microlens arrays: their records, attributes that contradict each other, and arrays that cannot exist."""
+"""Reader and checks of microlens arrays."""
 
 from collections.abc import Iterator, Set
 

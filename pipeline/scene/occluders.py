@@ -1,4 +1,4 @@
-"""Occluders: the shapes of a dataset that hide target points, by frame, and checks that none reaches into a lens."""
+"""Readers and checks of occluders, the shapes of a dataset that may hide target points."""
 
 import itertools
 from collections.abc import Iterator, Sequence, Set
@@ -34,7 +34,7 @@ from pipeline.targets.mesh import Occluder
 
 @read_once
 def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
-    """Shapes besides targets that images of a dataset show: those that it names, and with lamps all others, too."""
+    """Shapes in images of a dataset besides targets: those that it names, and all shapes of a lit stage."""
     stage = root.GetStage()
     tops = targets(root, "plen:occluders", "Imageable")
     below = (prim for top in tops for prim in Usd.PrimRange(top) if prim == top or is_in_images(prim))
@@ -49,14 +49,12 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
 
 @read_once
 def seen_shapes(root: Usd.Prim) -> list[list[Usd.Prim]]:
-    """These shapes, those together that are alike."""
+    """The same shapes, in groups of equal ones."""
     return alike(seen_meshes(root), lambda prim: of_prim(prim, 0.0 if is_animated(prim) else None))
 
 
 def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> list[OccluderEntry]:
-    """A shape that a dataset names as an occluder, or any that lamps light: in each frame, if it is animated, with its
-    shape there. None that has no triangles.
-    """
+    """The entry of a shape, or one for each frame if it is animated; none of a shape without triangles."""
     moments: list[int | None] = list(frames) if is_animated(prim, lit) else [None]
     return [
         OccluderEntry(
@@ -73,7 +71,7 @@ def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> l
 
 @partial(read_once, named=of_prim)
 def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
-    """A shape that has triangles, in its own frame [mm], dark without PlenOccluderAPI."""
+    """The triangles of a shape in its own frame [mm], dark without PlenOccluderAPI."""
     shape, scale_mm = drawn(prim, frame), stage_mm_per_unit(prim)
     return Occluder(
         vertices_mm=shape.points * scale_mm,
@@ -157,7 +155,7 @@ def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> flo
 
 
 def _cut(polygon: np.ndarray, height_mm: float, sign: float) -> np.ndarray:
-    """Part of a convex polygon (n, 3) above a height, or with sign -1 below it."""
+    """Part of a convex polygon (n, 3) above a height, or with sign -1 below it (Sutherland and Hodgman)."""
     kept: list[np.ndarray] = []
     above = sign * (polygon[:, 2] - height_mm)
     for i in range(len(polygon)):

@@ -1,4 +1,4 @@
-"""A dataset: its contents, frames, names and exports, and its differences from the scene that a USD viewer shows."""
+"""Reader and checks of a dataset: contents, frames, names, exports, and differences from what a USD viewer shows."""
 
 import unicodedata
 from collections import Counter
@@ -39,7 +39,7 @@ _MOST_KINDS = 8
 sight.
 """
 _SPACES = ("lin_rec709_scene", "lin_rec709", "lin_srgb", "raw", "data", "identity", "unknown")
-"""Names of the space in which colours are taken, and of none."""
+"""Names of linear sRGB, in which colours are taken, and of no space."""
 _MOST_PATHS = 4
 """Number of prims that the warning about a type lists; further ones are counted."""
 _AIDS = 'what is there for viewers alone says so with uniform token purpose = "guide"'
@@ -53,7 +53,7 @@ NOISE = {
 """Attributes of the noise, by field of `exports.noise.Noise`."""
 _ASKED = "plen:exports"
 _States = dict[Usd.Prim, list[tuple[CameraEntry, list[int]]]]
-"""Each camera in each of its states, and the frames that have it."""
+"""Each camera in each of its states, with the frames of the state."""
 _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
 """Types of targets whose points may form a grid."""
 
@@ -240,7 +240,7 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
-    """One warning per type of prim that viewers show, without effect on images of a dataset."""
+    """One warning per type of prim that viewers show, and images of the dataset do not."""
     stage, frames = root.GetStage(), frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
     named = {prim.GetPath() for prim in (*scene_reader().lamp_prims(stage), *seen_meshes(root))}
@@ -271,7 +271,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _unheard(attribute: Usd.Attribute) -> str | None:
-    """The substitute for a mode that an attribute asks for a whole prim, or for a colour in another space."""
+    """What is drawn instead, in words, of a draw mode or of a colour space that is not supported."""
     is_name, is_colour = attribute.GetName() == "colorSpace:name", attribute.GetRoleName() == "Color"
     space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
     if space and space not in _SPACES:

@@ -1,4 +1,4 @@
-"""A sensor, its response, and the light of its frames, for raw images."""
+"""Readers and checks of sensors, their response, and the light of raw images."""
 
 from collections.abc import Iterator
 
@@ -98,7 +98,7 @@ def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
-    """A camera that asks for raw images, although its sensor does not say how it responds to light."""
+    """Problems of raw images: a sensor without a response, filters without a colour, and weights without photons."""
     attribute, exposure = camera.GetAttribute("plen:image:exposure"), read(camera, "plen:image:exposure")
     if exposure not in ("none", None) and not has_response(sensor):
         message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"

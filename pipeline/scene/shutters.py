@@ -1,4 +1,4 @@
-"""Shutters of cameras, and motions before them during an exposure."""
+"""Readers and checks of shutters, and of motions during an exposure."""
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -36,7 +36,7 @@ _SAME_S = 1e-9
 _VELOCITIES = ("velocities", "angularVelocities")
 """Attributes by which a point instancer says that its instances move."""
 _STILL = 1e-9
-"""Change of an entry of a pose [1, mm] that is none: between equal samples USD rounds to 1e-13."""
+"""Change of an entry of a pose [1, mm] that holds: between equal samples USD rounds to 1e-13."""
 _RIGID = 1e-9
 """Largest entry of R^T R - 1 of a rotation [1]: rounding leaves 1e-15."""
 
@@ -65,7 +65,7 @@ def _seconds(camera: Usd.Prim, name: str) -> float:
 
 
 def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
-    """Durations that are no fractions, and settings of a shutter that contradict each other or are not supported."""
+    """Problems of a shutter: durations that are no fractions, and settings that contradict each other."""
     for name in _DURATIONS:
         if (value := read(camera, name)) and not value[1] > 0:
             message = f'"{name}" = ({value[0]:g}, {value[1]:g}) is no duration: its second number must be above 0'
@@ -132,7 +132,7 @@ def _motion(
     poses_at: Callable[[Times], np.ndarray],
     number: int,
 ) -> Motion | None:
-    """The motion by poses at time codes while the shutter is open; None if all are that at the frame's own."""
+    """The motion by poses at time codes while the shutter is open; None if the pose holds."""
     if not (moved := [each for prim in prims for each in moved_ops(prim)]):
         return None
     codes_per_s, window_s = codes_per_second(camera), _window_s(camera, shutter)
@@ -158,7 +158,7 @@ def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
 
 
 def pieces_s(window_s: tuple[float, float], bends_s: Iterable[float]) -> np.ndarray:
-    """Edges of the pieces of a window of time between which nothing bends, (m,) [s]."""
+    """Edges of the pieces of a window of time within which motion is smooth, (m,) [s]."""
     first, end = window_s
     return np.array([first, *sorted(time for time in bends_s if first < time < end), end])
 
@@ -169,14 +169,15 @@ def codes_per_second(prim: Usd.Prim) -> float:
 
 
 def moved_ops(prim: Usd.Prim) -> list[Usd.Attribute]:
-    """Operations that change, of the transforms of a prim and of what it lies below."""
+    """Animated operations of the transforms of a prim and of its ancestors."""
     return [op.GetAttr() for link in ancestry(prim) for op in xform_ops(link) if op.MightBeTimeVarying()]
 
 
 def check_motions(
     root: Usd.Prim, cameras: Sequence[Usd.Prim], boards: Sequence[Usd.Prim], things: Sequence[Usd.Prim]
 ) -> Iterator[Problem]:
-    """Boards and cameras that bend between samples, and what stands still, or keeps its shape, while a shutter is open.
+    """Problems of boards and cameras that are not rigid between samples, and warnings of prims that stand still, or
+    keep their shapes, while a shutter is open.
 
     `things` are shapes and lamps.
     """
@@ -227,7 +228,7 @@ def _is_placed_at_frames(prim: Usd.Prim) -> bool:
 def _standing(
     link: Usd.Prim, first: float, last: float, frames: tuple[Sequence[int], np.ndarray, np.ndarray]
 ) -> Iterator[Problem]:
-    """A prim whose samples begin after the shutter of a frame opens, or end before it closes, [time codes]."""
+    """Warnings of a prim whose samples begin after the shutter opens, or end before it closes [time codes]."""
     numbers, opens, ends = frames
     before = (np.array(numbers) > first - 1) & (opens < first)
     after = (np.array(numbers) < last + 1) & (ends > last)

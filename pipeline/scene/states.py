@@ -1,4 +1,4 @@
-"""States of cameras whose lens or sensor changes from frame to frame, and holds while a shutter is open."""
+"""States of cameras whose lens or sensor changes from frame to frame; each holds while a shutter is open."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -22,15 +22,15 @@ from pipeline.scene.windows import standing_windows, windows_in_frame
 from pipeline.spelling import frames_in_words
 
 _MARGIN = 1e-6
-"""Time at both ends of an exposure in which a state may begin to change [time codes]: more than the rounding of seconds
-to codes, and in it a change from one frame to the next comes to a millionth."""
+"""Time at both ends of an exposure in which a state may already change [time codes]: more than the rounding of seconds
+to codes, and a millionth of the change from one frame to the next."""
 _HELD = 1e-9
-"""Relative change of a number that is none [1]: between equal samples USD rounds."""
+"""Relative change of a number that holds [1]: between equal samples USD rounds."""
 
 
 def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     """Every camera with PlenCameraAPI on a stage that passed the checks, in stage order, named relative to its root;
-    windows of the world are before it as in the first frame.
+    behind the world-space windows of the first frame.
     """
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
     seed, number = read(root, "plen:seed") or 0, next(iter(frame_numbers(root)), 0)
@@ -39,7 +39,7 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
 
 
 def is_camera(prim: Usd.Prim) -> bool:
-    """Whether a prim is a camera of ours."""
+    """Whether a prim is a Camera with PlenCameraAPI."""
     return bool(prim.IsA("Camera") and prim.HasAPI("PlenCameraAPI"))
 
 
@@ -62,7 +62,7 @@ def read_states(
 
 
 def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntry:
-    """A camera before which the windows of the world stand as in a frame, for all wavelengths of its records."""
+    """A camera behind the world-space windows of a frame, for all wavelengths of its records."""
     nodes = (node for channel in entry.channels for node in (channel.middle, *channel.nodes))
     wavelengths_nm = dict.fromkeys([entry.wavelength_nm, *(node.wavelength_nm for node in nodes)])
     return replace(entry, windows=windows_in_frame(prim, number, list(wavelengths_nm)))
@@ -70,7 +70,7 @@ def _with_windows(entry: CameraEntry, prim: Usd.Prim, number: int) -> CameraEntr
 
 @read_once
 def changes(camera: Usd.Prim) -> bool:
-    """Whether anything of a camera has time samples, of itself, of its lens, of its sensor or of its microlenses."""
+    """Whether any attribute of a camera, its lens, sensor or microlenses varies in time."""
     return bool(_varying(camera))
 
 
@@ -82,7 +82,7 @@ def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
 
 
 def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
-    """Numbers of a lens, a sensor or a focus that change while the shutter is open, each once for all frames."""
+    """Problems of numbers of a lens, a sensor or a focus that change while the shutter is open, one for all frames."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     size_px: Any = read(sensor, "plen:resolution") if sensor else None
     varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]

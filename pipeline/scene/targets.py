@@ -1,4 +1,4 @@
-"""Targets: the pattern, the shape of its surface or its mesh, and the spectra of ink and paper."""
+"""Readers and checks of targets: pattern, surface or mesh, and spectra of ink and paper."""
 
 import re
 from collections.abc import Iterator, Set
@@ -30,8 +30,8 @@ SHAPES = {re.sub("-(.)", lambda match: match[1].upper(), kind): surface for kind
 """The surface of each plen:shape."""
 
 OFF_MESH_MM = 1e-3
-"""Distance of a marked point from its mesh above which there is a warning [mm]: its image would not be where the
-truth says.
+"""Distance of a marked point from its mesh above which there is a warning [mm]: its image would be elsewhere than the
+truth.
 """
 
 
@@ -192,7 +192,7 @@ def _check_patch(prim: Usd.Prim, part: str) -> Iterator[Problem]:
 
 
 def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a mesh that would not move with its target, or that would move relative to it."""
+    """Problems of a mesh that does not lie below its target, or is animated."""
     relationship = prim.GetRelationship("plen:mesh")
     if not mesh.GetPath().HasPrefix(prim.GetPath()):
         message = f"<{mesh.GetPath()}> does not lie below its target <{prim.GetPath()}>"
@@ -202,7 +202,7 @@ def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_scheme(mesh: Usd.Prim) -> Iterator[Problem]:
-    """A warning of a mesh that other programs round off: a target is its polygons, on which its points lie."""
+    """A warning of a mesh with a subdivision scheme: a target is its polygons, on which its points lie."""
     attribute = UsdGeom.Mesh(mesh).GetSubdivisionSchemeAttr()
     if (scheme := attribute.Get()) in (UsdGeom.Tokens.catmullClark, UsdGeom.Tokens.loop):
         by = "" if attribute.HasAuthoredValue() else ", USD's fallback"

@@ -1,8 +1,7 @@
-"""A lens at another temperature than its prescription: indices of its glasses, and lengths of glass and mount, of
-sensor and microlenses.
+"""Thermal state of a lens: indices of glasses, and thermal expansion of glasses, mount, sensor and microlenses.
 
-Elements keep their shapes, larger or smaller. A surface goes with the glass behind it, or else with that before it;
-what has none goes with the mount, and so do gaps of air, from vertex to vertex.
+Elements are scaled. A surface is scaled with the glass behind it, or else with that before it; the stop, and gaps of
+air from vertex to vertex, are scaled with the mount.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +25,7 @@ _PER_K = 1e-6
 
 
 def check_cold(prim: Usd.Prim) -> Iterator[Problem]:
-    """Warnings of what a lens, or a camera beside it, says of warmth while the lens has no temperature."""
+    """Warnings of thermal attributes of a lens, or of sensor and microlenses, while the lens has no temperature."""
     lens, parts = prim, list(Usd.PrimRange(prim))
     if not prim.IsA("PlenLens"):
         links = ("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray")
@@ -38,7 +37,7 @@ def check_cold(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float) -> float:
-    """The index behind a surface as warm as its lens, where it is `index` at the temperature of the prescription."""
+    """Index behind a surface at the temperature of its lens, from that at the temperature of the prescription."""
     from_c, to_c = temperatures_c(lens)
     if from_c == to_c or index == 1:
         return index
@@ -49,7 +48,7 @@ def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float
 
 
 def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surface]) -> list[Surface]:
-    """Surfaces of a lens, as prescribed, with their lengths as warm as it; their indices are left."""
+    """Surfaces of a lens with their lengths at its temperature; their indices are kept."""
     from_c, to_c = temperatures_c(lens)
     if from_c == to_c:
         return list(surfaces)
@@ -63,13 +62,13 @@ def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surfa
 
 
 def mount_growth(lens: Usd.Prim) -> float:
-    """Ratio of lengths of what holds a lens and the sensor to those at the temperature of the prescription."""
+    """Ratio of lengths of the mount to those at the temperature of the prescription."""
     from_c, to_c = temperatures_c(lens)
     return 1.0 if from_c == to_c else float(1 + need(lens, "plen:mountExpansion") * _PER_K * (to_c - from_c))
 
 
 def growth_of(part: Usd.Prim, lens: Usd.Prim) -> float:
-    """Ratio of lengths of a sensor or of microlenses, as warm as the lens; 1 if no expansion of theirs is stated."""
+    """Ratio of lengths of a sensor or of microlenses at the temperature of the lens; 1 if no expansion is stated."""
     (from_c, to_c), stated = temperatures_c(lens), read(part, "plen:expansion")
     return 1.0 if stated is None else float(1 + stated * _PER_K * (to_c - from_c))
 
@@ -104,7 +103,7 @@ def _thermal(prim: Usd.Prim) -> Thermal:
 
 
 def larger(surface: Surface, growth: float, gap: float) -> Surface:
-    """A surface with all lengths larger, and its thickness by a ratio of its own; a_p r^p has the unit of a length."""
+    """A surface scaled by `growth`, its thickness by `gap`. The term a_p r^p of an asphere is a length."""
     widths, relief, semi_mm = surface.half_widths_mm, surface.relief, surface.semi_diameter_mm * growth
     if relief is not None:
         heights_mm = tuple(tuple(height * growth for height in row) for row in relief.heights_mm)
@@ -124,9 +123,7 @@ def larger(surface: Surface, growth: float, gap: float) -> Surface:
 
 
 def larger_array(array: MicrolensArray, growth: float) -> MicrolensArray:
-    """Microlenses with all lengths larger, and as much farther from the sensor; their offset, which is an error of
-    assembly, stays, and so does their index.
-    """
+    """Microlenses scaled, with their distance from the sensor; offset, an error of assembly, and index are kept."""
     if growth == 1:
         return array
 

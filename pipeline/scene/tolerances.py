@@ -98,7 +98,7 @@ def tolerances_of(stage: Usd.Stage) -> dict[Sdf.Path, Tolerance]:
 
 
 def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a PlenTolerance: properties that cannot be off, have another one, or may leave their range."""
+    """Problems of a PlenTolerance: properties that can have none, have another one, or may leave their range."""
     stage, relationship = prim.GetStage(), prim.GetRelationship(_OF)
     stated = [read(prim, f"plen:tolerance:{name}") for name in _FIELDS]
     reach = None if None in stated else Tolerance(*stated).reach
@@ -129,7 +129,7 @@ def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_effect(stage: Usd.Stage, taken: Set[str]) -> Iterator[Problem]:
-    """A warning about each number with a tolerance that no record of the dataset is made of; those of `taken` are."""
+    """A warning for each number with a tolerance that no record uses; `taken` holds the paths that records use."""
     for prim in _tolerances(stage):
         relationship = prim.GetRelationship(_OF)
         for path in target_paths(relationship):
@@ -140,7 +140,7 @@ def check_effect(stage: Usd.Stage, taken: Set[str]) -> Iterator[Problem]:
 
 
 def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
-    """Why numbers of a property cannot be off; None: they can."""
+    """Reason why a property can have no tolerance; None: it can."""
     if not attribute:
         return "it is no property"
     if attribute.GetPrim().IsInstanceProxy():

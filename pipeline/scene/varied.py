@@ -19,12 +19,12 @@ from pipeline.scene.usd.problems import Problem, StageError, problem
 from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets
 
 ASKED = "plen:truth:derivatives"
-"""Relationship of a camera to the numbers by which its rows have derivatives."""
+"""Relationship of a camera to the numbers with respect to which its rows have derivatives."""
 _SHARE, _LEAST, _FROM_ZERO = 1e-5, 1e-8, 1e-4
 """Step of a number, as a share of it: differences then err by 1e-10 of the derivative, and rounding by 1e-8. The
 least step, and that of a number that is 0, in its unit: mm, degrees or none."""
 _SAG_MM = 1e-6
-"""What the step of a coefficient of an asphere adds to its sag at the edge [mm]: its own size may be 0."""
+"""Change of the sag at the edge by the step of an aspheric coefficient [mm]: the coefficient itself may be 0."""
 _POSE_STEP = 1e-3
 """Step of a pose [mm, degrees]: windows that stand before a camera are where they are to 1e-10."""
 _POSE = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("turn_x", "deg"), ("turn_y", "deg"), ("turn_z", "deg"))

@@ -1,4 +1,4 @@
-"""Warnings that need rays: implausible cameras, mostly because of a wrong unit, and frames in which a camera sees
+"""Warnings that need rays: cameras that are implausible, mostly by a wrong unit, and frames in which a camera sees
 little or nothing of a target (`camera.figures.outlook`).
 """
 
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
     from pipeline.render.surroundings import Surroundings
 
 _POINTS = 8_000
-"""Most points of a target that are examined in all frames together; of more, some in each frame."""
+"""Most points of a target that are examined in all frames together; a larger number is sampled."""
 _HIDING = 500
-"""Most frames that are examined for something in front of a target; of more, some of them."""
+"""Most frames that are examined for occluders of a target; a larger number is sampled."""
 HIDDEN, MERGED = len(Fate), len(Fate) + 1
-"""Fates in addition to those of `Fate`. HIDDEN: the light would reach the image but something stands in its way.
-MERGED: it does reach the image, but all points of the target blur into one grey.
+"""Fates in addition to those of `Fate`. HIDDEN: something blocks the light. MERGED: all points of the target blur into
+one grey.
 """
 _LEAST_PX, _WIDEST_BLUR = 1.0, 1.72
 """Points nearer than this in the image [px] count as one; if the blur exceeds their distance by this factor, no
@@ -56,15 +56,15 @@ points can be distinguished: a disc as wide as that takes all contrast from the 
 a wider one leaves an eighth of it at most, with black for white (2 J1(x) / x at x = pi 1.72 / sqrt(2)).
 """
 _ORIGIN = np.zeros((1, 3))
-"""The point of shapes and lamps at whose motion is looked [mm]."""
+"""The point of shapes and lamps whose motion is checked [mm]."""
 _INSTANTS = 33
-"""Instants of a frame at which something that moves is looked at [1]."""
+"""Instants of a frame at which a motion is checked [1]."""
 _WIDEST_IN_VIEW = 0.65
-"""The same in a view, which programs interpolate between pixels: to a third of the contrast, sinc^6 of half of it, with
-one factor along each axis for the pixel's part of the pupil and two for the interpolation.
+"""The factor `_WIDEST_BLUR` of a view, in which programs interpolate between pixels: to a third of the contrast, sinc^6
+of half of it, with one factor along each axis for the pixel's part of the pupil and two for the interpolation.
 """
 _NEIGHBOURS = 64
-"""Number of points whose median gives the distance of neighbouring points."""
+"""Number of points for the median distance of neighbouring points."""
 
 NOT_SEEN = ("blank", "few-points")
 """Codes of these warnings, which a build repeats before its first task."""
@@ -127,9 +127,9 @@ def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Propert
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """The part of a target that a camera sees, by frame: points that are seen over those that face the camera, the fate
-    of most of the others (None: all are seen), positions and normals in the vision frame, (frames, n, 3), and the
-    distance of neighbouring points of the kind where it is largest.
+    """Visibility of a target before a camera, by frame: visible points over those that face the camera, the most common
+    fate of the rest (None: all are visible), positions and normals in the vision frame, (frames, n, 3), and the
+    distance of neighbouring points, of the kind where it is largest.
     """
 
     numbers: tuple[int, ...]
@@ -142,7 +142,7 @@ class _View:
 
 
 def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> _View:
-    """The view of a camera of a dataset on the target with this index."""
+    """The view of a camera of a dataset on the target of an index."""
     name, frames, target = entry.name, dataset.frames_of(entry), dataset.targets[number]
     view = view_of(camera)
     widest = _WIDEST_BLUR if view is camera else _WIDEST_IN_VIEW
@@ -220,7 +220,7 @@ def surroundings(
 def _hidden(
     surroundings: "Surroundings", camera: Camera, number: int, points_mm: np.ndarray, front: np.ndarray
 ) -> np.ndarray:
-    """Points of a target that something hides from every tried place of the entrance pupil, (n,) bool."""
+    """Whether points of a target are hidden from every sampled point of the entrance pupil, (n,) bool."""
     hidden = surroundings.may_hide(points_mm, front)
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
     hidden &= ~is_steep(camera.prescription, points_mm)  # who decides that is the build
@@ -233,7 +233,7 @@ def _hidden(
 
 
 def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """Warnings for each camera and target if the camera sees no point, or few points, of the target in some frames."""
+    """Warnings for each camera and target if few or no points of the target are visible in some frames."""
     for entry in dataset.cameras:
         camera = focused(entry.camera)  # `check_doubts` has focused it, too
         for number, board in enumerate(dataset.targets):
@@ -253,7 +253,7 @@ def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
 
 
 def check_speeds(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """Warnings of what moves while a shutter is open although all that is written of its motion is a pose per frame."""
+    """Warnings of motion while a shutter is open by prims that have no more than a pose per frame."""
     numbers, told = {frame.number for frame in dataset.frames}, set[tuple[str, str]]()
     for entry, frame in itertools.product(dataset.cameras, dataset.frames):
         motions = frame.motions.get(entry.name)
@@ -273,7 +273,7 @@ def check_speeds(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
 
 
 def _is_posed_alone(prim: Usd.Prim, numbers: set[int]) -> bool:
-    """Whether a prim has poses at frames, and neither a spline nor any other sample that says how it moves."""
+    """Whether a prim has poses at frames alone, and neither a spline nor samples between frames."""
     ops = moved_ops(prim)
     return bool(ops) and not any(op.HasSpline() or set(op.GetTimeSamples()) - numbers for op in ops)
 
@@ -298,14 +298,14 @@ def _flying(prim: Usd.Prim, entry: CameraEntry, number: int, motion: Motion, poi
 
 
 def _picture(camera: Camera) -> str:
-    """The picture in which blur is counted, where that is not the image."""
+    """The picture whose pixels count for blur, in words, where it is not the image."""
     if not camera.microlenses:
         return ""
     return " in a micro-image" if view_of(camera) is camera else " in a view of a pixel per microlens"
 
 
 def _listed(missed: dict[int, int]) -> str:
-    """The frames by the reason why points are missing there, as text."""
+    """Frames by the reason why points are missing there, as text."""
     frames = dict[str, list[int]]()
     for number, fate in missed.items():
         frames.setdefault(_REASONS[fate], []).append(number)

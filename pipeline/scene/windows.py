@@ -36,7 +36,7 @@ from pipeline.spelling import did_you_mean
 WINDOWS = "plen:camera:windows"
 _ORDER_HINT = "windows are listed from the lens outwards; light goes through them towards their +Z, into the camera"
 _DIGITS = 10
-"""Decimal places of where a window in the world stands before its camera [mm, and 1 for its axes]."""
+"""Decimals of the pose of a world-space window before its camera [mm, and 1 for its axes]."""
 _EDGE_ON = 1e-9
 """Least cosine between the axes of a window and its camera [1]."""
 _CONDITIONS = (("temperature", (AIR, WATER)), ("pressure", (AIR,)), ("salinity", (WATER,)))
@@ -62,7 +62,7 @@ def windows_in_frame(camera: Usd.Prim, number: float, wavelengths_nm: Sequence[f
 
 
 def surfaces_before_sensor(camera: Usd.Prim) -> list[tuple[Usd.Prim, Usd.Prim]]:
-    """Every PlenSurface of the windows and the lens of a camera, as light meets them, with what it belongs to."""
+    """Every PlenSurface of the windows and the lens of a camera as light meets them, each with its window or lens."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     parts = [*reversed(_windows(camera)), *([lens] if lens else [])]
     return [(surface, part) for part in parts for surface in ordered_surfaces(part)]
@@ -84,7 +84,7 @@ def standing_windows(camera: Usd.Prim) -> tuple[Usd.Prim, ...]:
 
 
 def _below(camera: Usd.Prim, window: Usd.Prim) -> list[Usd.Prim]:
-    """A fixed window and what carries it below its camera; none for one that stands in the world."""
+    """A fixed window and its ancestors below its camera; none for a world-space window."""
     links = list(ancestry(window))
     return links[: links.index(camera)] if camera in links else []
 
@@ -190,7 +190,7 @@ def check_window(window: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_medium(root: Usd.Prim) -> Iterator[Problem]:
-    """A problem of the medium of a PlenDataset that nobody knows."""
+    """Problems of the medium of a PlenDataset: an unknown one, and conditions without effect."""
     try:
         scene_medium(root.GetStage())
     except GlassError as error:
@@ -209,7 +209,7 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the windows of a camera, and of the medium that they and its lens stand in."""
+    """Problems of the windows of a camera, and of the medium before them."""
     relationship, prims = camera.GetRelationship(WINDOWS), _windows(camera)
     if outer := [prim for before, prim in pairwise(prims) if is_fixed(camera, prim) and not is_fixed(camera, before)]:
         message = f"<{outer[0].GetPath()}> moves with the camera, and is listed behind a window that does not"
@@ -262,9 +262,9 @@ def check_unnamed_windows(prims: Sequence[Usd.Prim], cameras: Sequence[Usd.Prim]
 
 
 def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, number: float) -> str | None:
-    """The first of windows, given from the lens outwards, that is not before what follows it, or not turned to it.
+    """Fault of the first window, from the lens outwards, that overlaps the part behind it or faces away, in words.
 
-    `front_mm`: where the camera begins. Windows count where planes through their vertices cross its axis.
+    `front_mm`: z of the front of the lens. Windows are where planes through their vertices cross its axis.
     """
     follows, begins_mm = "what follows it", front_mm
     for window in windows:

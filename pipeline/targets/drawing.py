@@ -1,4 +1,4 @@
-"""Drawings: artwork of a target as shapes painted on a white sheet one after the other, exact and without a resolution.
+"""Drawings: the artwork of a target as shapes painted on a white sheet, exact and without a resolution.
 
 A drawing is the only definition of the appearance of a pattern: kernels look up the colour of a point, and of a box of
 one colour, and `pages/artwork` prints the shapes. It is in the chart: x right, y up, origin at the centre of the sheet
@@ -36,7 +36,7 @@ NUMBERS = 6
 BESIDE, MIXED = -1.0, -2.0
 """Values for a box besides 0 (black) and 1 (white): off the sheet; of several colours, or possibly so."""
 _MOST_BINS = 16
-"""Most bins that a box may overlap before it is called mixed: examining more costs more than the rays that it saves."""
+"""Most bins that a box may overlap before it counts as mixed: a look at more costs more than the rays that it saves."""
 
 
 class DrawingArrays(NamedTuple):

@@ -1,5 +1,5 @@
-"""Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs; and their patches,
-pieces each with its own chart, used for images and for the positions of marks.
+"""Surfaces that carry a pattern: one sheet, flat or bent, or several, as on a cube and on stairs. Each consists of
+patches with a chart of their own, for images and for the positions of marks.
 
 Target frame: origin at the centre of the pattern (or of the cube), x right, y up, z towards the viewer.
 """

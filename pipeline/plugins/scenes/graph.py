@@ -1,4 +1,4 @@
-"""The tasks of this plug-in in the graph of a dataset: pictures, images that lamps light, and labels of pixels."""
+"""Tasks of this plug-in in the graph of a dataset: pictures, lit images, and labels of pixels."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -42,7 +42,7 @@ def _picture_tasks(dataset: Dataset) -> dict[str, str]:
 
 
 class LitThings(Things):
-    """Targets and occluders that lamps light, with what they are made of."""
+    """Targets and occluders of a lit dataset, with their finishes."""
 
     IMAGE = LitImage
 
@@ -68,7 +68,7 @@ class LitThings(Things):
         )
 
     def lighting(self, frame: Frame, entry: CameraEntry, bounces: int) -> Lighting:
-        """The lamps that shine in a frame, and what everything is made of."""
+        """The lamps of a frame, and the coats and finishes of everything in it."""
         vision, motions = np.array(frame.camera_from_world[entry.name]), frame.motions.get(entry.name)
         lamps = [
             PlacedLamp(
@@ -84,7 +84,7 @@ class LitThings(Things):
 
 
 def plan_labels(draft: Draft) -> None:
-    """Add the labels of the cameras of which any are asked for, each in its own light."""
+    """Add the labels that cameras ask for, each in its own light."""
     for entry in draft.dataset.cameras:
         _plan_labels(draft, entry)
 
@@ -138,7 +138,7 @@ def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry
 
 
 def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> NextFrame:
-    """The things of a frame in the next one, before the camera there."""
+    """Targets and occluders of a frame, posed as in the next frame, before the camera there."""
     poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
     there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
     shutter = shutter_in(camera, later)
@@ -150,7 +150,7 @@ def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntr
 
 
 def _lets_pass(dataset: Dataset) -> bool:
-    """Whether something may not be opaque."""
+    """Whether any finish may let light pass."""
     finishes, solid = [each.finish for each in dataset.occluders if each.finish], Material().opacity
     return any(material.opacity != solid or material.glass for finish in finishes for material in finish.materials)
 

@@ -1,4 +1,4 @@
-"""Pictures of other programs, for surfaces and skies: the formats of USD's own reader, decoded to linear numbers."""
+"""Decoders of pictures on surfaces and in the sky: the formats of USD's own reader, as linear numbers."""
 
 import io
 import re
@@ -92,11 +92,11 @@ def _by_opencv(content: bytes) -> np.ndarray:
 
 
 _WITH_OPACITY = (2, 4)
-"""Numbers of components whose last one is opacity [1]."""
+"""Numbers of components of which the last is opacity [1]."""
 
 
 def _with_four(values: np.ndarray) -> np.ndarray:
-    """All four components, from grey, grey with opacity, or colours without it."""
+    """Four components of grey, of grey with opacity, or of colours."""
     count = values.shape[2]
     colours = np.repeat(values[..., :1], 3, axis=2) if count < 3 else values[..., :3]
     opacity = values[..., -1:] if count in _WITH_OPACITY else np.ones_like(values[..., :1])

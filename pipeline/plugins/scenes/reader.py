@@ -1,4 +1,4 @@
-"""Reader of lamps, materials and assets of other programs: a `scene.usd.plug_in.SceneReader`."""
+"""Reader of lamps, materials and third-party assets: a `scene.usd.plug_in.SceneReader`."""
 
 from collections.abc import Iterator, Set
 
@@ -42,7 +42,7 @@ __all__ = [
 
 
 def third_party_layers(stage: Usd.Stage) -> ThirdPartyLayers:
-    """Layers that the stage references, or has as payloads, and that define nothing of ours."""
+    """Layers that the stage references, or has as payloads, and that define no plenScene prims."""
     return ReferencedLayers(stage)
 
 

@@ -1,4 +1,4 @@
-"""Checks of the work that a stage asks for: prims beyond `limits`, and builds of hours."""
+"""Checks of the work that a stage asks for: counts beyond `limits`, and builds of hours."""
 
 import math
 from collections.abc import Iterator
@@ -130,7 +130,7 @@ def rays_of(camera: CameraEntry, frames: int) -> tuple[float, float]:
 
 
 def samples_of(camera: CameraEntry) -> float:
-    """Rays of a pixel on an edge: as many as the stage says, or as many as the noise that it asks for may take.
+    """Rays of a pixel on an edge: the stated number, or the largest that a stated noise may need.
 
     Independent rays, half of them black and half of them white, have the standard error 1 / (2 sqrt(n)).
     """
@@ -140,7 +140,7 @@ def samples_of(camera: CameraEntry) -> float:
 
 
 def check_rays(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
-    """A warning for each camera whose rays would take one core hours."""
+    """A warning for each camera whose rays take one core for hours."""
     for camera in dataset.cameras:
         images, positions = rays_of(camera, len(dataset.frames_of(camera)))
         seconds = (images + positions) / RAYS_PER_S

@@ -78,7 +78,7 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> I
             more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
             listed = ", ".join(map(str, missing[:5])) + more
             message = f'"{attribute.GetName()}" has no sample at time code {listed}'
-            # Scenes of others have keys: what only stands before a target is where USD's viewers show it.
+            # Third-party scenes have key frames: an occluder may be where viewers of USD show it.
             hint = "USD would interpolate silently; write one sample per frame" if is_exact else "USD interpolates"
             severity = "error" if is_exact else "warning"
             yield problem(attribute, "no-pose-sample", message, hint=hint, severity=severity)
@@ -132,7 +132,7 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 
 
 def _is_beside(prescription: Prescription, triangles_mm: np.ndarray) -> bool:
-    """Whether a shape, (m, 3, 3) vision frame, stands beside a lens that sees so far round."""
+    """Whether a shape, (m, 3, 3) vision frame, stands beside a lens of more than 180 degrees."""
     return pupil_fan(prescription).is_wide and not meets_lens(triangles_mm, *body_of(prescription))
 
 

@@ -37,10 +37,10 @@ FOR_NO_IMAGE = re.compile(
     r"|proxyPrim$|Render(Settings|Product|Var|Pass|DenoisePass)",
     re.IGNORECASE,
 )
-"""Beginnings of properties, types and schemas that concern no image: physics, meaning, settings of renderers."""
+"""Beginnings of properties, types and schemas without effect on images: physics, semantics, settings of renderers."""
 _MOVES = Rule(span=FOREIGN["xformOp"])
 _TARGETS_NAMED = 5
-"""Number of missing targets of one relationship that are listed; further ones are counted."""
+"""Most missing targets of a relationship that are listed; the rest are counted."""
 # Namespaces in which anybody may add properties to any prim.
 _FREE_NAMESPACES = ("primvars:", "material:", "userProperties:", "inputs:", "outputs:", "collection:", "info:")
 _BINDINGS = ("material:binding", "material:binding:full", "material:binding:preview")
@@ -52,12 +52,12 @@ _FAMILIES = {
     "plen:shape": "shape-value",
     "plen:typeTable": "microlens-types",
 }
-"""Error codes for missing or meaningless attributes, by the property that decides; all others share one code."""
+"""Error codes for missing or meaningless attributes, by the property that decides; the rest share one code."""
 
 _APIS = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI", "Material": "PlenGlassAPI"}
 """The schema to apply where a prim of a type has attributes of ours."""
 _NAMED = 5
-"""Number of wrong values of one attribute that are listed."""
+"""Most wrong values of an attribute that are listed."""
 _USE_INSTEAD = {("plen:truth:method", "moments"): 'the method is gone; use "direct", which is more exact;'}
 """Hints for values that were allowed once, by attribute and value."""
 
@@ -124,7 +124,7 @@ def known_types(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
 
 
 def _check_scope(prop: Usd.Property) -> Iterator[Problem]:
-    """A problem of paths that lead out of what a reference brings: USD drops them in silence."""
+    """A problem of paths to prims that a reference leaves out: USD drops them in silence."""
     is_attribute = isinstance(prop, Usd.Attribute)
     if not (prop.HasAuthoredConnections() if is_attribute else prop.HasAuthoredTargets()):
         return
@@ -213,7 +213,7 @@ def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Proble
 
 
 def _existing(stage: Usd.Stage, missing: Sdf.Path, wanted: str | None) -> list[str]:
-    """Paths of what a relationship may have meant by a path to nothing: prims of the wanted type, or properties."""
+    """Candidates for the path that a relationship meant: prims of the wanted type, or properties."""
     if not missing.IsPropertyPath():
         return [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)]
     if prim := stage.GetPrimAtPath(missing.GetPrimPath()):

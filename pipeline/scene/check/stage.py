@@ -84,7 +84,7 @@ _LINKS = {
 }
 """Types of parts, and the relationships that name them."""
 _MOST_NAMES = 4
-"""Number of names in one message: a lens keeps dozens, and a few suffice to recognise their file."""
+"""Most names in a message: a lens keeps dozens, and a few suffice to recognise their file."""
 
 
 def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) -> list[Problem]:
@@ -142,14 +142,14 @@ def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
 
 
 def _codes(stage: Usd.Stage) -> list[float]:
-    """Time codes at which lenses and cameras are checked: those of all frames if any of them changes, else any."""
+    """Time codes at which lenses and cameras are checked: all frames if any of them is animated, else one."""
     root = find_dataset(stage)
     frames = frame_numbers(root) if root and changing(stage) else ()
     return [float(number) for number in frames[: limits().frames]] or [0.0]
 
 
 def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
-    """Problems between the parts of one prim; `wrong` holds the prims with wrong values."""
+    """Problems of one prim as a whole; `wrong` holds the prims with wrong values."""
     if merged := list(_check_merged(prim)):
         return merged  # all other problems would follow from it
     problems = [problem for type_name, of_type in _OF_TYPE if prim.IsA(type_name) for problem in of_type(prim)]
@@ -223,7 +223,7 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _rank(op: str) -> int:
-    """Place of an operation with translations before rotations before scales, as most programs write them."""
+    """Rank of an operation: translations, rotations, scales, as most programs write them."""
     usual = ("xformOp:translate", "xformOp:orient", "xformOp:rotate", "xformOp:scale")
     return next((i for i, start in enumerate(usual) if op.startswith(start)), len(usual))
 
@@ -247,7 +247,7 @@ def _check_variants(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[P
 
 
 def _check_layers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
-    """Problems of the layers themselves, of others aside."""
+    """Problems of our own layers."""
     layers = [layer for layer in used_layers(stage) if layer not in third_party.layers]
     yield from _check_root(stage)
     yield from _check_alike(layers)
@@ -271,7 +271,7 @@ def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
 
 
 def check_numbers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
-    """Problems of units and times of layers; of others only rates: by one of NaN USD scales samples without end."""
+    """Problems of units and times of layers; in third-party layers of rates alone: by NaN USD scales without end."""
     for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
         value = _info(layer, key, None) if layer not in third_party.layers or key.endswith("PerSecond") else None
         if value is not None and not span.holds(value):

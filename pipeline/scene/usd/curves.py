@@ -1,4 +1,4 @@
-"""Attributes that change with time: the times of their knots, bends and ends, and the range of their values.
+"""Animated attributes: times of knots, bends and ends, and the range of values.
 
 A spline, USD's animation curve, has knots with straight, curved or level pieces between them, and no time samples. All
 times are those of the stage, after the offsets of layers.
@@ -19,14 +19,14 @@ _MOST_LOOPS = 100
 _HALVINGS = 10
 """Most halvings of a curve: where its tangent is upright, no polynomial follows it."""
 _RIGHT = 1e-12
-"""Error of the polynomials of a motion as a share of the largest value of a curve [1], doubled with each halving: steep
-curves are rounded more, and shorter pieces are seen for less time."""
+"""Error of the polynomials of a motion over the largest value of a curve [1], doubled with each halving: steep curves
+are rounded more, and shorter pieces last for less time."""
 _LOOKS = 64
-"""Values of a curve that are checked [1]: between them it goes 1e-4 of its height farther."""
+"""Values of a curve that are checked [1]: between them its extreme is missed by 1e-4 of its height."""
 
 
 def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set[float]:
-    """Time codes between which attributes are smooth, at least in the time that is asked for."""
+    """Time codes between which attributes are smooth, complete from `first` to `last`."""
     found = set[float]()
     for attribute in attributes:
         found.update(attribute.GetTimeSamples())
@@ -47,7 +47,7 @@ def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set
 
 
 def _pieces(spline: Ts.Spline, start: float, end: float, most: int = _HALVINGS) -> list[float]:
-    """Starts of pieces of a curve in which its values at the nodes of a motion tell those between."""
+    """Starts of pieces of a curve on which the polynomial through the nodes of a motion follows it."""
     edges = np.array([start, end])
     times = node_times(edges, 2 * NODES - 1)[0]
     values = np.array([*map(spline.Eval, times[:-1].tolist()), spline.EvalPreValue(end)])
@@ -59,7 +59,7 @@ def _pieces(spline: Ts.Spline, start: float, end: float, most: int = _HALVINGS) 
 
 
 def extent(attribute: Usd.Attribute) -> tuple[float, float] | None:
-    """First and last time code up to which an attribute changes, infinite where a spline goes on; None: it does not."""
+    """First and last time code between which an attribute changes, infinite for loops and slopes; None: it holds."""
     spline = attribute.GetSpline()
     times = list(spline.GetKnots()) if attribute.HasSpline() else attribute.GetTimeSamples()
     before, after = (end.mode != Ts.ExtrapHeld for end in (spline.GetPreExtrapolation(), spline.GetPostExtrapolation()))

@@ -1,7 +1,6 @@
-"""Shapes that are drawn, as triangles: meshes of USD. Of its subdivision surfaces and solids the plug-in `scenes` makes
-them.
+"""Shapes as triangles: polygon meshes here, subdivision surfaces and solids by the plug-in `scenes`.
 
-What a shape says wrongly never refuses a dataset: it is drawn as far as it can be, and `Drawn.flaws` says how.
+A faulty shape never refuses a dataset: it is drawn as far as possible, and `Drawn.flaws` lists its faults.
 """
 
 import itertools
@@ -41,8 +40,8 @@ class Drawn:
 
     `points`, (v, 3), are its vertices, and `indices`, (c,), has the vertex of every corner of a polygon. Of each
     triangle, `corners`, (t, 3), has three of these corners, anticlockwise as seen from the front, and `faces`, (t,),
-    the face of the mesh. `normals`, (c, 3), and `st`, (c, 2), are there where the shape itself has them. `flaws` say
-    what the prim says that is not drawn.
+    the face of the mesh. `normals`, (c, 3), and `st`, (c, 2), are those of the shape itself, if it has any. `carry`
+    interpolates a primvar to the corners of polygons. `flaws` are statements of the prim that are not drawn.
     """
 
     points: np.ndarray
@@ -77,7 +76,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Polygons:
-    """The faces of a mesh that can be drawn, corner by corner."""
+    """The usable faces of a mesh, corner by corner."""
 
     points: np.ndarray
     vertex: np.ndarray
@@ -97,12 +96,12 @@ class Polygons:
 
 
 _PLACES = ("xformOp", "visibility", "purpose")
-"""Beginnings of properties that place and show a prim: its shape does not depend on them."""
+"""Beginnings of properties on which a shape does not depend: pose, visibility and purpose."""
 
 
 @read_once
 def likeness(prim: Usd.Prim) -> Hashable:
-    """Type and opinions of a prim, but for its place: if these are the same, the shape is, too."""
+    """Type and opinions of a prim, but for its pose: prims with equal ones have equal shapes."""
     opinions = prim.GetPrimStack()
     telling = [spec for spec in opinions if any(not name.startswith(_PLACES) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
     said = ((spec.layer.identifier, spec.path) for spec in telling)
@@ -111,19 +110,19 @@ def likeness(prim: Usd.Prim) -> Hashable:
 
 @read_once
 def _clipped(prim: Usd.Prim) -> Sdf.Path | None:
-    """Path of a prim or of what is above it that has value clips, which no opinion shows."""
+    """Path of the nearest prim with value clips, from a prim upwards: no opinion shows these."""
     return prim.GetPath() if prim.HasAuthoredMetadata("clips") else prim.GetParent() and _clipped(prim.GetParent())
 
 
 @read_once
 def likeness_with_above(prim: Usd.Prim) -> Hashable:
-    """Likeness of a prim and of all above it, from which it may inherit primvars."""
+    """Likeness of a prim and of all its ancestors, from which it may inherit primvars."""
     return (likeness(prim), likeness_with_above(prim.GetParent())) if prim.GetParent() else ()
 
 
 @read_once
 def look(mesh: Usd.Prim) -> Hashable:
-    """The name of what a shape looks like: all that it says and inherits, and which materials are bound to what."""
+    """Key of the look of a shape: likeness with that of ancestors and subsets, and the materials bound to them."""
     parts = [mesh, *(child for child in mesh.GetChildren() if child.IsA(UsdGeom.Subset))]
     apis, purposes = map(UsdShade.MaterialBindingAPI, parts), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
     bound = (api.ComputeBoundMaterial(purpose)[0] for api, purpose in itertools.product(apis, purposes))
@@ -131,7 +130,7 @@ def look(mesh: Usd.Prim) -> Hashable:
 
 
 def alike(prims: Iterable[Usd.Prim], named: Callable[[Usd.Prim], Hashable] = likeness) -> list[list[Usd.Prim]]:
-    """Prims that have the same name, as instances have, in their order: what is true of the first one is of all."""
+    """Prims in groups of equal keys, as instances have, in order: a finding about the first holds for all."""
     kinds = dict[Hashable, list[Usd.Prim]]()
     for prim in prims:
         kinds.setdefault(named(prim), []).append(prim)
@@ -139,7 +138,7 @@ def alike(prims: Iterable[Usd.Prim], named: Callable[[Usd.Prim], Hashable] = lik
 
 
 def of_prim(prim: Usd.Prim, time: float | None = None) -> Hashable:
-    """The name of a shape for `read_once`: instances have the same one. One that changes may be shifted in time."""
+    """Key of a shape for `read_once`, the same for instances; animated instances may be shifted in time."""
     return likeness(prim) if time is None else (prim, time)
 
 
@@ -149,7 +148,7 @@ def is_drawn(prim: Usd.Prim) -> bool:
 
 @partial(read_once, named=lambda prim, *looks: (likeness_with_above(prim), *looks))
 def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
-    """Whether the shape of a prim changes with time, or with primvars anything on it, inherited or not."""
+    """Whether the shape of a prim is animated; with primvars also these, inherited or not."""
     names = set(SOLIDS.get(str(prim.GetTypeName()), ("points", *TOPOLOGY)))
     looks = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if with_primvars else []
     names |= {"normals"} if with_primvars else set()
@@ -241,7 +240,7 @@ def fan_corners(count: np.ndarray, is_hole: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def plain_shape(polygons: Polygons) -> Drawn:
-    """The polygons as they stand, each a fan of triangles."""
+    """The polygons, each a fan of triangles."""
     corners, face = fan_corners(polygons.count, polygons.is_hole)
     return Drawn(
         points=polygons.points,

@@ -1,4 +1,4 @@
-"""Opening of stages, with all messages of USD collected as problems, and hints about their most likely cause."""
+"""Opening of stages: messages of USD as problems, with hints about their most likely cause."""
 
 import os
 import re
@@ -28,7 +28,7 @@ _DUPLICATE = re.compile(r"Duplicate items exist for field '\w+' at '[^']*\.([^']
 _DECIMAL_COMMA = re.compile(r"=\s*[-+]?\d+,\d+\s*$")
 _WITH_UNIT = re.compile(r"=\s*[-+]?[\d.]+\s*(?:[a-df-zµ]\w*)\s*$", re.IGNORECASE)
 _OF_THE_GRAMMAR = re.compile(r"parse error matching \S*pegtl.*(?= at ')", re.DOTALL)
-"""What the parser of USD says where a rule of its grammar has no message of its own: the rule, as a type of C++."""
+"""Message of USD's parser for a grammar rule without a message: the rule, as a type of C++."""
 _SPACE_IN_PATH = re.compile(r"<[^<>\s]+ [^<>]*>")
 _STAGES = (".usd", ".usda", ".usdc", ".usdz")
 _LENSES = (".zmx", ".seq", ".dat", ".csv", ".tsv", ".txt")
@@ -39,7 +39,7 @@ _ONE_LINE = re.compile(r"\{[^}]*=[^}]*\}")
 
 
 def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
-    """The stage, and the problems of its composition; StageError if it, or any layer of it, is missing or no USD."""
+    """The stage, and the problems of its composition; StageError if it, or any of its layers, is missing or no USD."""
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
     if not path.is_file():
@@ -167,7 +167,7 @@ def _line_of_asset(layer: str, text: str) -> int | None:
 
 
 def write_out_instances(stage: Usd.Stage) -> None:
-    """Turn every instance into an ordinary prim, by the session layer, so that no file changes."""
+    """Turn every instance into an ordinary prim in the session layer: no file changes."""
     while instances := [prim.GetPath() for prim in stage.TraverseAll() if prim.IsInstance()]:
         with Sdf.ChangeBlock():
             for path in instances:
@@ -183,7 +183,7 @@ def instance_of(prim: Usd.Prim) -> str:
 
 
 def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
-    """Write the instances out, and report opinions on prims below them, which USD ignores, and the layers of others.
+    """Write instances out; problems of opinions on prims below them, which USD ignores; and third-party layers.
 
     Afterwards these opinions count, so such a stage must not be read.
     """
@@ -195,7 +195,7 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}
-        # What counts only since the instance was written out; for each prim the strongest opinion first.
+        # Opinions that count only since the instance was written out; the strongest opinion of each prim first.
         ignored = [
             spec
             for path, specs in below.items()
@@ -225,7 +225,7 @@ def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
 
 
 def _reworded(file: str, line: int, message: str) -> tuple[str, str | None]:
-    """The message of a syntax error, reworded where that of USD is unclear, and a hint to mend the line."""
+    """The message of a syntax error, reworded where USD's is unclear, and a hint to mend the line."""
     if duplicate := _DUPLICATE.match(message):
         items = re.findall(r"<[^>]*>", duplicate[2])
         repeated = next((item for item in items if items.count(item) > 1), "something")
@@ -256,8 +256,8 @@ def _hint_of_folder(path: Path) -> str | None:
 
 
 def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
-    """A hint with files of similar names and the searched folders, of the layer and the library alone: names in
-    others must not be shown to any stage. None if the file exists.
+    """A hint with files of similar names and the searched folders, None if the file exists. Only the folders of the
+    layer and of the library are listed: no stage may learn the names in others.
     """
     # Some paths in messages are resolved, and not as written in the layer.
     name = mentioned.rpartition("/")[2]

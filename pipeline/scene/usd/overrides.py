@@ -1,4 +1,4 @@
-"""The same stage with other numbers: overrides are values of properties that count instead of those of its files.
+"""Overrides: values of properties that replace those of the files of a stage.
 
 A step of a derivative, the errors of a camera as built, and the state of a camera at one time code are overrides. A
 stage with overrides is a stage of its own above the same files, so readers need not know of them.
@@ -40,7 +40,7 @@ def layer_of(stage: Usd.Stage, overrides: Overrides) -> Sdf.Layer:
 
 
 def overridden(stage: Usd.Stage, overrides: Overrides, only: Iterable[Sdf.Path] = ()) -> Usd.Stage:
-    """The stage with overrides; `only`: paths of the prims that it has with all below and above, by default all."""
+    """The stage with overrides; `only`: paths of prims that it is limited to, with all below and above."""
     session = layer_of(stage, overrides)
     session.subLayerPaths.append(stage.GetSessionLayer().identifier)
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # what is missing was said of the stage itself
@@ -54,8 +54,8 @@ def overridden(stage: Usd.Stage, overrides: Overrides, only: Iterable[Sdf.Path] 
 
 
 def at_code(prim: Usd.Prim, code: float) -> Usd.Prim:
-    """A camera, or a part of one, on a stage where all that changes in them holds as it is at a time code; anything
-    else as it is. That stage has only these prims and what they lie below, and lives until the stage itself changes.
+    """A camera, or a part of one, on a stage where animated attributes of these hold the value of a time code; any
+    other prim unchanged. That stage has only these prims and their ancestors, and lives until the stage changes.
     """
     held = _held(prim.GetStage(), code)
     return (held and held.GetPrimAtPath(prim.GetPath())) or prim
@@ -87,7 +87,7 @@ def changing(stage: Usd.Stage) -> list[Usd.Attribute]:
 
 
 def check_changing(stage: Usd.Stage, codes: Iterable[float]) -> Iterator[Problem]:
-    """Numbers of cameras and their parts without a value at a time code, as a sample of None leaves them."""
+    """Problems of numbers of cameras and their parts without a value at a time code, as after a sample of None."""
     for attribute in changing(stage):
         if (code := next((code for code in codes if value_at(attribute, code) is None), None)) is not None:
             message = f'"{attribute.GetName()}" has no value at time code {code:g}'
@@ -95,14 +95,14 @@ def check_changing(stage: Usd.Stage, codes: Iterable[float]) -> Iterator[Problem
 
 
 def varying(prim: Usd.Prim) -> list[Usd.Attribute]:
-    """Attributes of ours on a prim that have time samples, a spline or value clips."""
+    """Our attributes on a prim that have time samples, a spline or value clips."""
     authored = prim.GetAuthoredAttributes()
     return [each for each in authored if each.GetName().startswith("plen:") and each.ValueMightBeTimeVarying()]
 
 
 def samples_of(attribute: Usd.Attribute) -> Samples:
-    """The values of an attribute, at its time samples or, without any, its default, or the words "a spline"; none if
-    nothing is written and there is no fallback.
+    """Values of an attribute at its time samples, or else its default; the words "a spline" for one; none without a
+    value or fallback.
     """
     if attribute and attribute.HasSpline():
         return {Usd.TimeCode.Default(): "a spline"}
@@ -112,8 +112,8 @@ def samples_of(attribute: Usd.Attribute) -> Samples:
 
 
 def entries(value: Any) -> np.ndarray:
-    """The numbers of a value, (n,) float64; none if any is not finite, if it has none with a point, as a count or a
-    token, or none that moves alone, as a quaternion.
+    """The real numbers of a value, (n,) float64; none of counts and tokens, of quaternions, whose numbers depend on
+    each other, or if any is not finite.
     """
     if isinstance(value, bool | int | str) or value is None or hasattr(value, "GetImaginary"):
         return np.zeros(0)

@@ -1,7 +1,7 @@
-"""Time codes of a dataset, and rigid transforms of prims, computed the same on every machine.
+"""Time codes of a dataset, and transforms of prims with the same bits on every machine.
 
-USD's own matrices use a quaternion off unit length as it is; here it is normalised first. Products are summed in a
-fixed order instead of by BLAS, whose sums depend on the processor.
+Quaternions are normalised first; USD's own matrices take them as they are. Products are summed in a fixed order instead
+of by BLAS, whose sums depend on the processor.
 """
 
 import itertools
@@ -21,14 +21,14 @@ Times = Sequence[float | Usd.TimeCode]
 LAST_FRAME = 1_000_000_000
 """Largest absolute time code that is accepted as a frame."""
 _ANY_TIME = 0.0
-"""Time code at which a visibility is read that never changes."""
+"""Time code at which a constant visibility is read."""
 _SHOWN = (UsdGeom.Tokens.default_, UsdGeom.Tokens.render)
-"""Purposes of what is in images."""
+"""Purposes of prims in images."""
 
 
 @read_once
 def ancestry(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
-    """The prim and its ancestors, up to the last whose transform counts."""
+    """The prim and its ancestors, up to the last one whose transform counts."""
     if not prim or prim.IsPseudoRoot():
         return ()
     own = (prim,) if prim.IsA(UsdGeom.Xformable) else ()
@@ -43,7 +43,7 @@ def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
 
 
 def is_op(prim: Usd.Prim, name: str) -> bool:
-    """Whether an entry of an xformOpOrder names an operation that a prim has, or resets what is above."""
+    """Whether an entry of an xformOpOrder names an operation of a prim, or resets the transforms above."""
     try:
         return name == "!resetXformStack!" or bool(UsdGeom.XformOp(prim.GetAttribute(name.removeprefix("!invert!"))))
     except Tf.ErrorException:
@@ -71,7 +71,7 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
 
 
 def is_in_images(prim: Usd.Prim) -> bool:
-    """Whether a prim has a purpose with which it is in images, and is not invisible for ever."""
+    """Whether a prim has a purpose for images, and is visible at some time."""
     return UsdGeom.Imageable(prim).ComputePurpose() in _SHOWN and (comes_and_goes(prim) or is_visible(prim, _ANY_TIME))
 
 
@@ -175,7 +175,7 @@ def camera_name(prim: Usd.Prim, root: Usd.Prim) -> str:
 
 
 def camera_from_world(prim: Usd.Prim, times: Times, scale_mm: float) -> np.ndarray:
-    """Vision frame of a camera from the world at some times, (n, 4, 4) [mm]."""
+    """Vision frame of a camera from the world at times, (n, 4, 4) [mm]."""
     return product(VISION_FROM_CAMERA, inverse(world_from(prim, times, scale_mm)))
 
 

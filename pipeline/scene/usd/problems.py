@@ -1,4 +1,4 @@
-"""Problems of a stage, as data and as text, at the file and line of the strongest opinion on a prim or property."""
+"""Problems of a stage, as data and as text, with the file and line of the strongest opinion on a prim or property."""
 
 import contextlib
 import re
@@ -17,13 +17,11 @@ from pipeline.spelling import did_you_mean, printable
 __all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
 
 NOT_DRAWN = "not-drawn"
-"""Code of warnings about what is drawn otherwise than its stage asks."""
+"""Code of warnings of what is drawn otherwise than its stage asks."""
 IMPOSSIBLE = "impossible"
-"""Code of parts that do not make up what their prim stands for. Where there is another error it follows from that."""
+"""Code of parts that do not make up a prim; beside another error it follows from that."""
 _LONGEST_LINE = 1000
-"""Longest line of a problem [characters]: names and paths of a stage may have any length; our own texts are far
-shorter.
-"""
+"""Longest line of a problem [characters]: names and paths of a stage may have any length; messages are far shorter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,14 +162,14 @@ def written_at(thing: Usd.Prim | Usd.Property, time: float | None = None) -> tup
 
 
 def specs(thing: Usd.Prim | Usd.Property) -> list[Sdf.Spec]:
-    """Opinions of files on a prim or property, strongest first: those of the session are ours."""
+    """Opinions of files on a prim or property, strongest first; those of the session layer are none."""
     is_prim = isinstance(thing, Usd.Prim)
     stack = thing.GetPrimStack() if is_prim else thing.GetPropertyStack(Usd.TimeCode.Default())
     return [spec for spec in stack if not spec.layer.anonymous]
 
 
 def saying(prim: Usd.Prim, key: str) -> list[Sdf.Spec]:
-    """Opinions of files on metadata of a prim, strongest first: that on the prim itself may be of another file."""
+    """Opinions of files on metadata of a prim, strongest first; the strongest on the prim may be in another file."""
     return [spec for spec in specs(prim) if spec.HasInfo(key)]
 
 
@@ -184,8 +182,8 @@ def at_opinion(spec: Sdf.Spec, each: Problem) -> Problem:
 def without_followers(problems: list[Problem]) -> list[Problem]:
     """Problems, each once per line of a file, except those that follow from others.
 
-    These are what a reference to a missing file brings about at its prim and below, values that a reader could not
-    use on a prim that has another error, and what parts cannot make up where any other error is.
+    The latter are problems at and below a prim that references a missing file, unreadable values of a prim with another
+    error, and impossible parts beside any other error.
     """
     broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
 
@@ -207,7 +205,7 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
 
 
 def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
-    """Problems; of those that a line of a file gives for many instances, which only paths tell apart, the first."""
+    """Problems; of many at one line of a file that differ by paths alone, as instances do, the first."""
     alike = dict[object, list[Problem]]()
     for each in problems:
         words = re.sub(r"<[^>]*/([^/>]+)>", r"<\1>", each.message)
@@ -219,7 +217,7 @@ def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
 
 
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:
-    """The problem with which a reader ended: a value at its own place, or parts that do not make up a prim."""
+    """The problem of a reader's error: a value at its attribute, or parts that do not make up a prim."""
     if isinstance(error, UnreadableValue):
         return problem(error.thing, error.code, error.message, hint=error.hint)
     if isinstance(error, PipelineError):

@@ -1,6 +1,6 @@
-"""Readers of a stage: each answers once until the stage changes, and notes the properties from which it took values.
+"""Readers of a stage: memoised until the stage changes, and with a record of the properties that they read.
 
-What is remembered belongs to a stage and ends with it, so a reader depends on its arguments alone.
+The memory belongs to a stage and ends with it, so the answer of a reader depends on its arguments alone.
 """
 
 import functools
@@ -16,8 +16,8 @@ R = TypeVar("R")
 
 
 class Notes:
-    """Notes about a stage: answers of its readers, each with the paths from which it took values; a set of paths for
-    each reader that is at work; and the folders from which it may read pictures.
+    """Memory of a stage: answers of its readers, each with the paths that it read; a set of paths for each reader at
+    work; and the folders from which pictures may be read.
     """
 
     def __init__(self, stage: Usd.Stage, taken: list[set[str]], folders: Sequence[Path]) -> None:
@@ -27,7 +27,7 @@ class Notes:
         self._listener = Tf.Notice.Register(Usd.Notice.ObjectsChanged, lambda *_: forget(), stage)
 
     def noting(self, reader: Callable[..., R], *arguments: Any) -> tuple[R, set[str]]:
-        """The answer of a reader, and the paths from which it took values."""
+        """The answer of a reader, and the paths that it read."""
         self.taken.append(taken := set[str]())
         try:
             return reader(*arguments), taken
@@ -46,12 +46,12 @@ def notes_of(stage: Usd.Stage) -> Notes:
 
 
 def read_like(stage: Usd.Stage, base: Usd.Stage) -> None:
-    """Let a stage be read for the same record as another one, and from the same folders."""
+    """Let a stage be read for the same record as a base stage, and from the same folders."""
     _NOTES[stage] = Notes(stage, notes_of(base).taken, notes_of(base).folders)
 
 
 def take(prim: Usd.Prim, *properties: str) -> None:
-    """Note that the record that is being read takes values from these properties of a prim, or from all of it."""
+    """Note that the reader at work reads these properties of a prim, or all of it."""
     if taken := notes_of(prim.GetStage()).taken:
         path = str(prim.GetPath())
         taken[-1].update([f"{path}.{name}" for name in properties] or [path])
@@ -72,9 +72,7 @@ class Sources(dict[str, set[str]]):
 
 
 def read_once(reader: F, named: Callable[..., Hashable] | None = None) -> F:
-    """Decorate a reader of a stage, or of anything on one, which is asked again. `named`: what its answer depends on,
-    by default all arguments.
-    """
+    """Memoise a reader of a stage, or of an object on one. `named`: key of the answer, by default all arguments."""
 
     @functools.wraps(reader)
     def asked(thing: Usd.Stage | Usd.Object, *arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Files of a stage: our schemas and library, its layers, and asset roots, the folders that it may read.
+"""Schemas and library, layers of a stage, and asset roots: the folders that a stage may read.
 
 Asset roots are the project of the stage, the shipped library, and what the caller adds: they keep a dataset in one
 place. Real paths are compared, so that neither `..` nor a link leads out. USD itself opens whatever a layer names: a

@@ -1,7 +1,7 @@
 """Line numbers in .usda text: of prims, properties, time samples and assets.
 
-While parsing, Sdf drops line numbers, the first of two equal statements, and the fractions of whole numbers. To show
-the place of a valid but wrong value, the text is scanned again; names, brackets and strings are enough.
+Sdf drops line numbers, the first of two equal statements, and the fractions of whole numbers. To find the line of a
+valid but wrong value, the text is scanned again; names, brackets and strings are enough.
 """
 
 import re
@@ -36,7 +36,7 @@ _SUFFIX = r"\.(?:timeSamples|connect|spline)$"
 _WHOLE = re.compile(r"\b(?:u?int(?:64)?|uchar|int[234]|(?P<bool>bool))\s*(?:\[\s*\])?\s+(?P<name>[A-Za-z_][\w:.]*)\s*$")
 """A declaration of whole numbers or flags, at the end of a text."""
 _LONGEST_NAME = 300
-"""Longest declaration that is looked for [characters]."""
+"""Longest declaration that is recognised [characters]."""
 _VALUE = re.compile(
     rf"\s*(?:\{{(?:[^}}#/]++|{_COMMENT}|/)*+\}}|\[(?:[^\]#/]++|{_COMMENT}|/)*+\]|\([^)]*\)|[-+\d.][\w.+-]*)", re.DOTALL
 )
@@ -46,7 +46,7 @@ _NUMBER = re.compile(rf"{_COMMENT}|(?P<number>[-+]?[\d.][\w.+-]*+)(?!\s*:)", re.
 
 
 class Flaw(NamedTuple):
-    """A valid statement of which USD silently takes something else."""
+    """A valid statement that USD silently changes."""
 
     code: str
     path: str
@@ -152,7 +152,7 @@ class _Scanner:
     def _token(self, kind: str, token: str, line: int) -> None:
         if kind == "word":
             self.words.append((token, line))
-            self.number = None  # as of `post: held`, which is no time
+            self.number = None  # `post: held` of a spline is no time
         elif kind == "number":
             self.number = (token, line)
         elif kind == "numbers":
@@ -214,7 +214,7 @@ class _Scanner:
         path = self._path()
         if self.stack == [None] and self.words:
             self.map.metadata.setdefault(*self.words[-1])
-        if len(self.words) < 2 or not path or (self.stack[-1] or "")[:1] == ("samples",):  # as of `post linear`
+        if len(self.words) < 2 or not path or (self.stack[-1] or "")[:1] == ("samples",):  # such as `post linear`
             return
         name, line = self.words[-1]
         bare = f"{path}.{re.sub(_SUFFIX, '', name)}"

@@ -22,11 +22,11 @@ LENS_DISTORTION = frozenset(
     f"OmniLensDistortion{name}API"
     for name in ("OpenCvPinhole", "OpenCvFisheye", "Ftheta", "KannalaBrandtK3", "RadTanThinPrism", "Lut")
 )
-"""Schemas of Omniverse about the projection of a Camera: a stage may name them, and nothing of ours reads them."""
+"""Schemas of Omniverse for the projection of a Camera: a stage may apply them, and no reader here uses them."""
 
 
 class UnreadableValue(PipelineError):
-    """A reader met a missing or wrong value; it is reported at `thing`, unless another error names its prim."""
+    """A missing or wrong value; it is reported at `thing`, unless another error names its prim."""
 
     code = "unreadable-value"
 
@@ -38,7 +38,7 @@ class UnreadableValue(PipelineError):
 
 
 class NotSupported(UnreadableValue):
-    """A reader met something that is valid USD and not supported; `thing` is the place to mend it."""
+    """Valid USD that is not supported; `thing` is the prim or property to mend."""
 
     code = "not-yet-supported"
 
@@ -73,7 +73,7 @@ FOREIGN = {
     "primvars:displayColor": Range(low=0.0, high=1e6),
     "xformOp": Range(low=-1e9, high=1e9),
 }
-"""Ranges of the USD attributes that are read: vertices in the unit of the stage, and transform operations."""
+"""Ranges of attributes of USD: vertices in the unit of the stage, colours, and transform operations."""
 
 
 def range_of(documentation: str) -> Range | None:
@@ -168,7 +168,7 @@ def conditions_in(documentation: str) -> tuple[Condition, ...]:
 
 
 def is_written(prim: Usd.Prim, name: str) -> bool:
-    """Whether a stage sets a property to something: what is empty, or the fallback, cancels that of a weaker file."""
+    """Whether a stage gives a property a value other than the fallback: an empty one cancels that of a weaker file."""
     rule = rule_of(prim, name)
     if rule is None:
         return bool(target_paths(prim.GetRelationship(name)))
@@ -281,7 +281,7 @@ def need(prim: Usd.Prim, name: str) -> Any:
 
 def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
     """Values of the fields of a record that are annotated with attributes of a prim, but for attributes that have no
-    effect beside a token of another one; None where a field may lack a value. UnreadableValue: as of `need`.
+    effect beside a token of another one; None where a field may lack a value. UnreadableValue as `need`.
     """
     values = {}
     for name, (attribute, may_lack) in _annotated(record).items():

@@ -1,4 +1,4 @@
-"""Poses of targets that were found outside of a stage, in place of those that it states."""
+"""Overrides of the poses of targets by poses from outside of a stage."""
 
 from collections.abc import Mapping
 

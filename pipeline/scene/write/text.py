@@ -1,5 +1,5 @@
-"""Writing of USD text, in the form that USD itself would write: lenses and cameras, for every importer, and a layer
-over a stage that says in schemas of other renderers what a camera is to them.
+"""Writers of USD text: lenses and cameras of importers, and a layer over a stage that describes a camera in schemas of
+other renderers.
 """
 
 import os
@@ -25,7 +25,7 @@ _DOC_WIDTH = 112
 """Longest line of documentation [characters]: with indentation it stays within the 120 of the project."""
 _TYPES = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenSurface")
 _KEPT = ("defaultPrim", "metersPerUnit", "upAxis", "timeCodesPerSecond", "startTimeCode", "endTimeCode")
-"""Metadata that USD takes from the root layer alone, so that a layer on top of a stage has to repeat them."""
+"""Metadata that USD takes from the root layer alone: a layer over a stage has to repeat them."""
 CHILD = "Pinhole"
 """Name of the camera at the centre of projection, below ours, whose origin is the centre of the aperture stop."""
 
@@ -227,7 +227,7 @@ class AppliedSchema:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenCamera:
-    """A camera as other renderers see it.
+    """A camera in the terms of other renderers.
 
     `model` is the value of `omni:lensdistortion:model`: the schema that counts. `centre_mm` is the centre of projection
     in the vision frame; `principal_mm` and `size_mm` are distance and size of the film of a plain pinhole, for programs
@@ -290,5 +290,5 @@ def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> 
 
 
 def _write(prim: Sdf.PrimSpec, name: str, type_name: Sdf.ValueTypeName, value: Any, *, is_custom: bool = False) -> None:
-    """Write an attribute; a custom one where USD has no schema of that name: others read it all the same."""
+    """Write an attribute; a custom one where USD itself has no schema of that name."""
     Sdf.AttributeSpec(prim, name, type_name, Sdf.VariabilityVarying, is_custom).default = value

@@ -1,9 +1,9 @@
 """Aids for USD viewers without our plug-in, in the dataset.usda of a build.
 
 The dataset.usda of an output folder is a stage in one layer. Beside the composed stage it has fallback types for our
-prim types, the field of view of each Camera as a USD pinhole, a mesh for each target, and what a build makes besides:
-pictures of targets and parts of cameras. They do not affect a build. Values that follow from a lens or a target replace
-existing ones.
+prim types, the field of view of each Camera as a USD pinhole, a mesh for each target, and files of the build: pictures
+of targets and parts of cameras. They do not affect a build. Values that follow from a lens or a target replace existing
+ones.
 """
 
 import math
@@ -42,10 +42,10 @@ SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
 def flattened(stage: Usd.Stage) -> Sdf.Layer:
     """The composed stage in one layer.
 
-    References are composed. Names of files that nothing reads, as tables of other renderers, are left out: the files do
-    not travel with a build, and flattening would write their paths on this machine. So are parts of cameras, which a
-    build has made for viewers. Instances must have been written out (`write_out_instances`), because flattening would
-    leave their prototypes beside the root.
+    Names of files that nothing reads, such as tables of other renderers, are left out: the files do not travel with a
+    build, and flattening would write their paths on this machine. Parts of cameras, which a build makes for viewers,
+    are left out, too. Instances must have been written out (`write_out_instances`): flattening would leave their
+    prototypes beside the root.
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     files = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)

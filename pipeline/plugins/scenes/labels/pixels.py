@@ -1,4 +1,4 @@
-"""Labels of pixels: what each sees, by the light that it receives, as means over its rays, spreads and shares.
+"""Labels of pixels: means over the rays of a pixel, weighted by their light, spreads, and shares of light.
 
 CONVENTIONS.md, "Labels", defines each number.
 """
@@ -17,10 +17,10 @@ from pipeline.render.pixel_rays import Band, Batch, PixelRays, rays_of
 from pipeline.render.spectral.preview import srgb_encoded
 
 RANKS = 6
-"""Things of a pixel whose ids are kept, those with most light: three layers of Cryptomatte, as most programs write."""
+"""Things of a pixel whose ids are kept, those of most light: three layers of Cryptomatte, as most programs write."""
 _TURNS = 12
-"""Times that a point is looked for where it is in its own line [1]: each leaves of the way the part by which the image
-moves during the scan."""
+"""Steps of the fixed-point iteration for a point in the line that is exposed when it is there [1]: each leaves the part
+of the error by which the image moves during the scan."""
 NowAndThen = tuple[SightLines, SightLines]
 """Mean rays of a camera in a frame, and in the next."""
 
@@ -46,8 +46,8 @@ class Asked:
         return names
 
 
-class _Seen:
-    """Some pixels, with the things that their rays meet."""
+class _Hits:
+    """Pixels of a batch, with the first hits of their rays."""
 
     def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: NowAndThen | None) -> None:
         self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces
@@ -76,9 +76,9 @@ class _Seen:
         return np.column_stack([*(part.astype(np.float32) for part in parts), *mattes])
 
     def _board(self) -> np.ndarray:
-        """Place on the face with most light, its share, and the numbers of target and face."""
+        """Mean point in the chart of the face with most light, its share, and the numbers of target and face."""
         row, face, light, _ = self._grouped(self._met.face, self._met.face >= 0)
-        # The last of several that a pixel is given stays: that with most light, of equals the first face.
+        # The last assignment stays: the face with most light, of equals the first.
         order, chosen = np.lexsort((-face, light)), np.full(self._pixels, -1)
         chosen[row[order]] = face[order]
         is_on = (self._met.face >= 0) & (self._met.face == chosen[self._row])
@@ -86,7 +86,7 @@ class _Seen:
         return np.column_stack([chart[:, :2], self._share(is_on), faces[chosen], chart[:, 2]])
 
     def _flow(self) -> np.ndarray:
-        """Way of the mean point of each thing, in the mean of all of them."""
+        """Optical flow: displacement in the image of the mean point of each thing, averaged over things."""
         assert self._lines is not None
         now, then = self._lines
         moving = (self._rays.route[self._met.ray] == 0) & np.isfinite(self._met.later_mm).all(axis=1)
@@ -101,7 +101,7 @@ class _Seen:
     def _there(
         self, lines: SightLines, points_mm: np.ndarray, thing: np.ndarray, cell: np.ndarray, start_px: np.ndarray
     ) -> np.ndarray:
-        """Positions of points of things in the next frame, (n, 2), with a shutter each at the time of its own line."""
+        """Positions of points of things in the next frame, (n, 2); with a shutter each at the time of its line."""
         later = self._later
         if later.shutter is None:
             return lines.positions(points_mm, cell, start_px)
@@ -126,25 +126,25 @@ class _Seen:
         return result.reshape(self._pixels, -1)
 
     def _share(self, chosen: Bool[np.ndarray, "n"]) -> np.ndarray:
-        """Share of some rays in the light of each pixel, (pixels,)."""
+        """Share of the chosen rays in the light of each pixel, (pixels,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(np.bincount(self._row[chosen], self._weight[chosen], minlength=self._pixels) / self._all)
 
     def _mean(
         self, values: Float64[np.ndarray, "n k"], chosen: Bool[np.ndarray, "n"] | slice = slice(None)
     ) -> np.ndarray:
-        """Mean of values of some rays in each pixel, and behind it their spread, (pixels, k + 1)."""
+        """Mean of values of the chosen rays in each pixel, and behind it their spread, (pixels, k + 1)."""
         return _mean(values[chosen], self._weight[chosen], self._row[chosen], self._pixels)
 
     def _grouped(self, number: np.ndarray, chosen: Bool[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
-        """Rays of one pixel with one number: pixel, number and light of each group, and the group of each ray."""
+        """Groups of rays of one pixel and number: pixel, number and light of each group, and the group of each ray."""
         most = int(number.max(initial=0)) + 1
         keys, group = np.unique(self._row[chosen] * most + number[chosen], return_inverse=True)
         return keys // most, keys % most, np.bincount(group, self._weight[chosen], minlength=len(keys)), group
 
 
 def _mean(values: np.ndarray, weight: np.ndarray, row: np.ndarray, rows: int) -> np.ndarray:
-    """Means of values (n, k) by weight in each row, and their spread, (rows, k + 1); NaN where there is nothing."""
+    """Weighted means of values (n, k) in each row, and their spread, (rows, k + 1); NaN in an empty row."""
     total = np.bincount(row, weight, minlength=rows)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.stack([np.bincount(row, weight * v, minlength=rows) / total for v in values.T], axis=1)
@@ -177,12 +177,12 @@ def labels_of(
         results.append(result)
     for rays in rays_of(band, Batch(samples), np.where(band.strata == SKIP, 0, samples)):
         for result, (things, asked) in zip(results, scenes, strict=True):
-            result[rays.pixels] = _Seen(rays, things, asked, band, lines).columns()
+            result[rays.pixels] = _Hits(rays, things, asked, band, lines).columns()
     return [result.reshape(*band.shape, -1) for result in results]
 
 
 SHOWN = "A", "Z", "CryptoObject00.R", "CryptoObject00.G"
-"""Channels that it shows, those that are there."""
+"""Channels that `preview` shows, if they exist."""
 _DARKEST = 0.15
 """Brightness of the farthest thing, and of red, green and blue in the colour of any [1]: nothing vanishes."""
 

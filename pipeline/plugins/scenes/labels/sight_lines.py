@@ -1,7 +1,8 @@
 """Image positions of points by the mean rays of a camera: x(p) is the position whose mean ray passes p.
 
-A mean ray is a line, x and y over z, whose four numbers change smoothly over the image, or over a micro-image. They are
-polynomials fitted to a few nodes, which quadrature integrates, so that each pixel can ask.
+A mean ray is a line, x(z) and y(z), whose four numbers change smoothly over the image, or over a micro-image. They are
+interpolated by Chebyshev polynomials, fitted to mean rays at a few nodes, so that each pixel can ask. Newton's method
+inverts them.
 """
 
 import numpy as np
@@ -59,7 +60,7 @@ class SightLines:
         return np.concatenate([near - _PLANES_MM[0] * slope, slope], axis=-1)
 
     def _basis(self, s: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Products of Chebyshev polynomials (n, powers) at places from -1 to 1, and both of their derivatives."""
+        """Products of Chebyshev polynomials (n, powers) at s in [-1, 1]^2, and both of their derivatives."""
         degree = self._degree
         i, j = np.array([(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]).T
         x, y = (chebvander(axis, degree) for axis in s.T)

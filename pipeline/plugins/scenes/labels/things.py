@@ -1,4 +1,4 @@
-"""Things before a camera, and what of them rays meet first: points, normals, and places on the sheets of targets.
+"""First hits of rays on targets and occluders: points, normals, and coordinates in the charts of targets.
 
 Embree names the triangle; everything else is computed in double precision, on the true surface of targets. Vision
 frame, mm.
@@ -26,8 +26,8 @@ _STEPS = 5
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """Places of the things in the next frame, in its vision frame; with motions of all things, targets first, if some
-    move before a shutter there.
+    """Poses of targets and occluders in the next frame, in its vision frame, and their motions before a shutter there,
+    targets first.
     """
 
     targets: Sequence[np.ndarray]  # vision_from_target of each target
@@ -38,7 +38,7 @@ class Later:
     def at(
         self, points_mm: Float64[np.ndarray, "n 3"], thing: Int64[np.ndarray, "n"], time_s: Float64[np.ndarray, "n"]
     ) -> np.ndarray:
-        """Points of things, (n, 3) at the time code of the frame, at times after it."""
+        """Points of things at times after the time code of the frame, (n, 3), from those at the time code."""
         poses = [*self.targets, *(then and then[1] for then in self.occluders)]
         result = points_mm.copy()
         for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=True)):
@@ -52,7 +52,7 @@ class Later:
 class Met(NamedTuple):
     """First hits, of those rays that meet anything."""
 
-    ray: np.ndarray  # (n,), their places among all
+    ray: np.ndarray  # (n,), index among all rays
     thing: np.ndarray  # (n,), targets in their order, then occluders
     face: np.ndarray  # (n,), patch, counted over all targets; -1 for an occluder
     point_mm: np.ndarray  # (n, 3)
@@ -132,7 +132,7 @@ def _on_planes(
 def _on_patch(
     patch: Patch, pose: np.ndarray, direction: np.ndarray, point: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points, normals and places on the sheet where rays meet a patch, from those on its mesh; vision frame."""
+    """Points, normals and chart coordinates where rays meet a patch, from the hits on its mesh; vision frame."""
     there = apply(inverse(pose), point)
     if patch.kind == MESH:
         return point, normal, there[:, :2]

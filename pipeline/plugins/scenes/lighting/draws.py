@@ -1,4 +1,4 @@
-"""Random numbers of paths: functions of seed, pixel and microlens, of the place of a ray among those of its pixel, and
+"""Random numbers of paths: functions of seed, pixel and microlens, of the rank of a ray among those of its pixel, and
 of the stage of the path; of nothing else. So a tile, a window or another number of workers gives the same bytes.
 
 Every pair of numbers is a point of a two-dimensional Sobol sequence, Owen-scrambled, whose points are taken in an order
@@ -39,7 +39,7 @@ _BYTES = 4
 
 
 class Names(NamedTuple):
-    """Keys of random numbers, the same for all rays of a pixel through a microlens, and places among them."""
+    """Keys of random numbers, common to all rays of a pixel through a microlens, and ranks of rays among these."""
 
     key: np.ndarray
     rank: np.ndarray
@@ -54,7 +54,7 @@ def points() -> np.ndarray:
 
 @inline
 def draw(points, key, rank, stage):
-    """Two numbers in [0, 1) for the ray at a place of a pixel with a key."""
+    """Two numbers in [0, 1) for a ray of a rank among those with a key."""
     seed = hash32(key, np.uint32(3 * stage))
     index = scrambled_bits(reversed_bits(np.uint32(rank)), seed)
     second = points[0, index & np.uint32(255)]
@@ -65,7 +65,7 @@ def draw(points, key, rank, stage):
 
 
 def passing_stage(vertex: int, crossing: int, layer: int) -> int:
-    """Stage at which a ray to a vertex, behind so many faces of glass, may pass a surface, the layer-th in its way."""
+    """Stage at which a ray to a vertex, behind `crossing` faces of glass, may pass its `layer`-th surface."""
     return _PASSING + LAYERS * (vertex + _VERTICES * crossing) + layer
 
 
@@ -76,7 +76,7 @@ def crossing_stage(vertex: int, crossing: int) -> int:
 
 @kernel
 def choose_slices(points, key, rank, count, chosen):
-    """Choose one of so many slices of the spectrum for each ray (n,), written, (n,) int64."""
+    """Choose one of `count` slices of the spectrum for each ray (n,), written, (n,) int64."""
     for i in range(chosen.size):
         chosen[i] = int(draw(points, key[i], rank[i], _COLOUR)[0] * count)
 

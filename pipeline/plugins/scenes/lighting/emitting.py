@@ -1,4 +1,4 @@
-"""Lamps that do not shine evenly: with shapes of UsdLux, and pictures on rects."""
+"""Emission of lamps that are not uniform: shaping of UsdLux, and pictures on rects."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ class Emitting(NamedTuple):
 
 @unit
 def shaped(numbers, line, direction, u, v):
-    """Radiance of a line of the table towards the start of a direction, in its frame, that meets it at a point."""
+    """Radiance of a lamp, a line of the table, along a direction in its frame that meets it at a point."""
     focus = abs(direction[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
     off, factor = math.acos(min(max(direction[2], -1.0), 1.0)), 1.0
     if off > line[CONE]:

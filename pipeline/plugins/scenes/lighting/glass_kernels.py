@@ -1,4 +1,4 @@
-"""Paths that cross smooth faces of glass. Kernels only; vision frame, mm."""
+"""Paths through smooth faces of glass, reflected or refracted at random. Kernels only; vision frame, mm."""
 
 import math
 
@@ -15,7 +15,7 @@ _FLAT = 0.01
 
 @kernel
 def cross(scene, stage, paths, hits):
-    """Let each path go on from a smooth face of glass, reflected or refracted by chance. Its ray is replaced."""
+    """Continue each path at a smooth face of glass: reflected in proportion to its reflectance, else refracted."""
     scene, paths, hits = borrowed((scene, paths, hits))
     _, points, gap_mm = scene
     for i in range(paths.power.size):
@@ -40,7 +40,7 @@ def cross(scene, stage, paths, hits):
 
 @inline
 def _crossed(direction, normal, ratio, mirrored, dice):
-    """Direction behind a smooth face of glass, or before it, and whether it is behind it."""
+    """Direction after a smooth face of glass, and whether it lies behind the face."""
     cosine = -dot(direction, normal)
     share, beyond = dielectric(cosine, ratio)
     if dice < max(share, mirrored):

@@ -1,4 +1,4 @@
-"""Lamps: where a ray meets one, and directions towards one. Vision frame, mm.
+"""Lamps: their intersection with rays, and importance sampling of directions towards them. Vision frame, mm.
 
 A lamp is a row of a table whose columns are named below. All emit the same radiance in all directions of their bright
 side, unless they are shaped; rects and disks shine along the -z of their frame, cylinders from their lateral surface,
@@ -47,7 +47,7 @@ _STEADY = 0.5
 
 
 class Lamps(NamedTuple):
-    """All lamps of a scene, with surfaces that shine by themselves."""
+    """All lamps of a scene, and its emissive surfaces."""
 
     table: np.ndarray
     emitting: np.ndarray  # `Emitting.numbers`
@@ -57,7 +57,7 @@ class Lamps(NamedTuple):
 
 
 class Estimates(NamedTuple):
-    """Light that all lamps together may send to a surface: the sum of their estimates, and how many have any."""
+    """Irradiance that all lamps may send to a surface: the sum of their estimates, and the number above 0."""
 
     total: float
     number: int
@@ -241,13 +241,13 @@ def blocked_by_lamp(table, chosen, origin, direction, end):
 
 @inline
 def lamps_in(lamps):
-    """Number of lamps, with triangles that shine as the last one."""
+    """Number of lamps; emissive triangles are together the last one."""
     return lamps.table.shape[0] + (1 if lamps.glow.estimate > 0.0 else 0)
 
 
 @inline
 def estimate(lamps, k, point, normal):
-    """Irradiance by a lamp if nothing is in between, about; 0 only if none of its light comes to this side."""
+    """Estimate of the irradiance by a lamp if nothing is in between; 0 only if none of its light comes to this side."""
     table = lamps.table
     if k == table.shape[0]:
         return lamps.glow.estimate
@@ -295,13 +295,13 @@ def is_even_sky(table, k):
 
 @inline
 def chance_of(light, estimates):
-    """Probability with which a lamp of an estimate is asked."""
+    """Probability with which a lamp of an estimate is drawn."""
     return _EVEN / estimates.number + (1.0 - _EVEN) * light / estimates.total if light > 0.0 else 0.0
 
 
 @inline
 def chosen_lamp(of_each, estimates, u):
-    """A lamp, -1 if none may send light, its probability, and what is left of a number in [0, 1)."""
+    """A lamp drawn by the estimates, -1: none may send light; its probability, and the rest of u, again in [0, 1)."""
     lamp, part = -1, 0.0
     for k in range(of_each.size):
         chance = chance_of(of_each[k], estimates)
@@ -321,7 +321,7 @@ def lamps_of(
     shining: tuple[Glow, float],
     background: float,
 ) -> Lamps:
-    """The lamps of a view, with the pictures of `sky_of` and `emitting_of`, and with the surfaces that shine, by
+    """The lamps of a view, with the pictures of `sky_of` and `emitting_of`, and the emissive surfaces of
     `shapes.glow_of`.
     """
     table = np.zeros((len(placed), COLUMNS))

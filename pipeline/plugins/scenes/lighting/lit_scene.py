@@ -47,7 +47,7 @@ _Arrays = TypeVar("_Arrays", Leaving, Names, Paths, Hits, Shadows)
 
 @dataclass(frozen=True)
 class LitView:
-    """Everything before a camera."""
+    """Targets, occluders and lamps before a camera: a `render.imaging.SceneView`."""
 
     is_sampled: ClassVar[bool] = True
 
@@ -103,7 +103,7 @@ class _Tint(NamedTuple):
 
 
 class LitScene:
-    """A view at one of its wavelengths, by its number: each ray sees it in one slice of the light there."""
+    """A view at one wavelength of the image, by its number; each ray samples one slice of the light there."""
 
     def __init__(self, view: LitView, number: int) -> None:
         from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
@@ -129,7 +129,7 @@ class LitScene:
         self._bounces = lighting.bounces
 
     def uniform(self, sight: Footprints) -> np.ndarray:
-        """NaN for both parts of each pixel, (2, n): a lit scene has no light that is known without rays."""
+        """NaN for both parts of each pixel, (2, n): no pixel of a lit scene is of one colour for certain."""
         return sight.undecided()
 
     def add(
@@ -166,6 +166,7 @@ class LitScene:
                 paths = _first_of(paths, kernels.reach_lamps(lamps, paths))
             if not len(paths.power):
                 break
+            # Where paths meet surfaces, and the light on the way there.
             hits = _first_of(all_hits, len(paths.power))
             self._meet(tint, vertex, paths, hits)
             kernels.gather(lamps, paths, hits, light)
@@ -173,13 +174,14 @@ class LitScene:
                 self._cross_glass(tint, vertex, paths, hits, light)
             if vertex > self._bounces:
                 break
+            # Shadow rays, and the next directions.
             rays, going_on = shade(lamps, self._scene, vertex, paths, hits, all_shadows)
             self._ask_lamps(tint, _first_of(all_shadows, rays), light)
             paths = _first_of(paths, going_on)
         return light
 
     def _cross_glass(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, light: np.ndarray) -> None:
-        """Replace paths that meet smooth glass, and what they meet, by what is behind it."""
+        """Follow paths through smooth glass; paths and hits are replaced by those behind it."""
         for crossing in range(draws.CROSSINGS + 1):
             rows = np.flatnonzero(hits.is_smooth_glass)
             if not len(rows):
@@ -204,7 +206,7 @@ class LitScene:
         return names
 
     def _ask_lamps(self, tint: _Tint, shadows: Shadows, light: np.ndarray) -> None:
-        """Add the light that lamps send to some surfaces directly."""
+        """Add direct light: that of shadow rays which reach their lamps."""
         left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
 
         def dimmed(triangle: np.ndarray, rays: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
@@ -241,7 +243,7 @@ class LitScene:
         return passes
 
     def _meet(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, crossing: int = 0) -> None:
-        """Write what paths meet."""
+        """Write the hits of paths."""
         names, count = Names(paths.key, paths.rank), len(paths.power)
         passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
         hits.triangle[:] = triangle = self._first_triangle(paths.origin, paths.direction, passes)
@@ -275,7 +277,7 @@ class LitScene:
 
 
 def _those(arrays: _Arrays, chosen: np.ndarray) -> _Arrays:
-    """Rows of arrays with True, contiguous; the arrays themselves if that is all."""
+    """The chosen rows of arrays, contiguous."""
     if chosen.all():
         return type(arrays)(*(np.ascontiguousarray(values) for values in arrays))
     rows = np.flatnonzero(chosen)
@@ -296,12 +298,12 @@ def _from_camera(origin: np.ndarray, direction: np.ndarray, names: Names, rows: 
 
 
 def _no_hits(count: int) -> Hits:
-    """Room for what so many paths meet."""
+    """Empty arrays for the hits of `count` paths."""
     (point, flat, normal), (distance, emission, beyond) = np.empty((3, count, 3)), np.empty((3, count))
     return Hits(distance, np.empty(count, np.int64), point, flat, normal, np.empty((count, 6)), emission, beyond)
 
 
 def _no_shadows(count: int) -> Shadows:
-    """Room for a ray to a lamp from each of so many surfaces."""
+    """Empty arrays for a shadow ray from each of `count` surfaces."""
     (origin, direction), (end, light) = np.empty((2, count, 3)), np.empty((2, count))
     return Shadows(origin, direction, end, light, np.empty(count, bool), np.empty(count, np.int64))

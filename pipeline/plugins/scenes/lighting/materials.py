@@ -1,7 +1,10 @@
-"""Materials: inputs as affine functions of texels, and what a surface is made of at a point.
+"""Materials: their inputs at points of a surface, and the paint that follows from these.
 
-In one light each input of a material is a number: a constant plus a sum over the four components of a texel, each
-times a coefficient. Both hold scale and bias of the texture, and the light.
+In one light each input is a number, affine in the components of a texel or of a primvar:
+
+    input = constant + sum over k of coefficient_k * texel_k
+
+The constant and the coefficients hold scale and bias of the texture, and the spectrum of the light.
 """
 
 import math
@@ -47,12 +50,10 @@ WRAPS = ("repeat", "mirror", "clamp", "black")
 REPEAT, MIRROR, CLAMP, BLACK = range(4)
 """Numbers of the wrap modes."""
 SOLID, CLEAR, PRESENCE, BODY, PANE = range(5)
-"""What light passes: nothing; by its opacity the paint, so that layers above it still reflect, or all; bent, the faces
-of a body of glass; both faces of a thin pane of it."""
-
-
+"""Kinds of transparency: none; of the paint alone, by its opacity, so that layers above it still reflect; of the whole
+surface, by its opacity; refraction by the faces of a body of glass; both faces of a thin pane of glass."""
 _DARKEST = 1e-12
-"""Least share of light that glass lets pass [1]: its logarithm is finite."""
+"""Least transmittance of glass [1]: its logarithm is finite."""
 
 
 class Materials(NamedTuple):
@@ -65,7 +66,7 @@ class Materials(NamedTuple):
 
 
 class Spot(NamedTuple):
-    """A place of a triangle, by the weights of its corners, with the primvars at the corners of all, (t, 3, n)."""
+    """A point of a triangle by its barycentric weights, and the primvars at the corners of all triangles, (t, 3, n)."""
 
     primvars: np.ndarray
     triangle: int
@@ -74,14 +75,14 @@ class Spot(NamedTuple):
 
 @inline
 def primvar_at(spot, column):
-    """One number of the primvars at a place."""
+    """One number of the primvars at a point."""
     values, t, w = spot.primvars, spot.triangle, spot.weights
     return w[0] * values[t, 0, column] + w[1] * values[t, 1, column] + w[2] * values[t, 2, column]
 
 
 @inline
 def _wrapped(index, count, mode):
-    """Index of a texel; -1: beyond the picture, black."""
+    """Index of a texel in the wrap mode of a texture; -1: beyond the picture, black."""
     if 0 <= index < count:
         return index
     if mode == REPEAT:
@@ -103,7 +104,7 @@ def _texel(materials, picture, x, y, component):
 
 @inline
 def input_at(materials, m, which, spot):
-    """An input of a material at a place, of a texture between the centres of four texels."""
+    """An input of a material at a point; textures are interpolated bilinearly between the centres of texels."""
     row = materials.inputs[m, which]
     value, picture, first = row[CONSTANT], int(row[TEXTURE]), int(row[FIRST])
     if picture == PRIMVAR:
@@ -139,7 +140,7 @@ def _share(x):
 
 @unit
 def passing(layers, materials, m, spot, cosine):
-    """Share of light that passes a surface straight on, for the cosine of its angle to the triangle."""
+    """Transmittance of a surface for light that goes straight on, at a cosine to the normal of the triangle."""
     flags = materials.flags[m]
     if flags[THRESHOLD] > 0.0:
         return 1.0 if input_at(materials, m, OPACITY, spot) < flags[THRESHOLD] else 0.0
@@ -153,7 +154,7 @@ def passing(layers, materials, m, spot, cosine):
 
 @unit
 def veiled(layers, materials, m, spot, cosine, paint):
-    """Clear glass for rays that happen not to pass it: its paint, and the factor of its light."""
+    """Paint of a transparent surface for rays that by chance did not pass it, and the factor of their light."""
     passed = passing(layers, materials, m, spot, cosine)
     opacity = _share(input_at(materials, m, OPACITY, spot))
     faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha, 0.0)
@@ -171,7 +172,7 @@ def presence_at(materials, m, spot):
 
 @inline
 def paint_at(materials, m, spot):
-    """The paint of a surface at a place."""
+    """The paint of a surface at a point."""
     colour = _share(input_at(materials, m, DIFFUSE, spot))
     coat, coat_alpha, facing, alpha = 0.0, LEAST_ALPHA, 0.0, 0.0
     if materials.flags[m, COATED] > 0.0:
@@ -207,10 +208,10 @@ def glass_at(materials, m, spot, side):
 
 @unit
 def passing_to_lamps(materials, m, spot, cosine, path):
-    """Share of the light of a lamp that passes a face of a body of glass straight on, 0 if it is rough; of the path
-    before it, too, where that is inside.
+    """Transmittance of a face of a body of glass for light of a lamp that goes straight on, 0 if the face is rough;
+    with the absorption on the path before it where that is inside.
 
-    Right for plane-parallel plates, except that their light is shifted; of others it is an estimate.
+    Right for plane-parallel plates, but for the shift of their light; an estimate for other bodies.
     """
     if _alpha_of_glass(materials, m, spot) > 0.0:
         return 0.0
@@ -219,7 +220,7 @@ def passing_to_lamps(materials, m, spot, cosine, path):
 
 
 class MaterialTable:
-    """A list of materials that grows, with linear pictures (h, w, 4) by name; their first row is the top."""
+    """Materials of a scene, appended one by one, with linear pictures (h, w, 4) by name, the first row at the top."""
 
     def __init__(self, pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> None:
         self._names = list(pictures)
@@ -239,36 +240,26 @@ class MaterialTable:
         columns: Mapping[str, int] = MappingProxyType({}),
         is_closed: bool = True,
     ) -> int:
-        """Add a material that also shines by itself, with the first columns of primvars; returns its row. Glass of a
-        mesh that is not closed is a pane."""
+        """Append a material that also emits a radiance, with the first columns of its primvars; returns its row.
+
+        Glass of a mesh that is not closed is a pane.
+        """
         bumpy = material.normal.texture is not None
         self._materials.append((material, radiance, columns))
         facing, threshold = facing_of(material.ior), material.opacity_threshold
         if material.glass:
             veil, threshold = BODY if is_closed else PANE, 0.0
-        elif threshold > 0 or not _may_vary(material.opacity, 1.0):
+        elif threshold > 0 or not material.opacity.differs(1.0):
             veil = SOLID
         else:
             veil = PRESENCE if material.is_presence else CLEAR
         flags = (material.specular_color is not None, facing, threshold, _has_layer(material))
-        self._flags.append((*flags, bumpy, veil, _may_vary(material.clearcoat, 0.0), 0.0, 0.0))
+        self._flags.append((*flags, bumpy, veil, material.clearcoat.differs(0.0), 0.0, 0.0))
         return len(self._flags) - 1
 
     def add_coat(self, coat: Coat | None) -> int:
-        """Add what lies on the artwork of a target; returns its row."""
-        row = self.add(Material(roughness=Input(value=(coat.roughness if coat else 0.0,)), ior=coat.ior if coat else 1))
-        self._flags[row] = (
-            False,
-            facing_of(coat.ior) if coat else 0.0,
-            0.0,
-            coat is not None,
-            False,
-            SOLID,
-            False,
-            0.0,
-            0.0,
-        )
-        return row
+        """Append the coat of the artwork of a target, or the index of air without one; returns its row."""
+        return self.add(Material(roughness=Input(value=(coat.roughness,)), ior=coat.ior) if coat else Material(ior=1.0))
 
     def arrays(self, raised: Float64[np.ndarray, "3"], light: Slice) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
@@ -298,7 +289,7 @@ class MaterialTable:
         return inputs
 
     def _row(self, value: Input, weights: np.ndarray, columns: Mapping[str, int]) -> np.ndarray:
-        """An input whose components are summed up with some weights."""
+        """An input as the sum of its components, each with a weight."""
         row, texture = np.zeros(COLUMNS), value.texture
         if value.primvar:
             row[TEXTURE], row[FIRST] = PRIMVAR, columns[value.primvar]
@@ -318,7 +309,7 @@ class MaterialTable:
 
 
 def _in_light(glass: Glass, raised: Float64[np.ndarray, "3"], light: Slice) -> tuple[float, float]:
-    """Index and coefficient of absorption [1/mm] of glass in a slice of light."""
+    """Index of glass, and its coefficient of absorption [1/mm], in a slice of light."""
     indices = np.interp(light.wavelengths_nm, glass.wavelengths_nm, glass.indices)
     share = float(np.clip(raised @ np.array(glass.transmittance), _DARKEST, 1.0))
     return float(indices @ np.array(light.shares)), -math.log(share) / glass.thickness_mm + 0.0
@@ -330,12 +321,7 @@ def facing_of(ior: float) -> float:
 
 
 def _has_layer(material: Material) -> bool:
-    """Whether a specular layer is there: none has the index of air, or a black `specularColor`."""
+    """Whether a material has a specular layer: not with the index of air, or a black `specularColor`."""
     if material.specular_color:
-        return _may_vary(material.specular_color, 0.0)
-    return _may_vary(material.metallic, 0.0) or material.ior != 1.0
-
-
-def _may_vary(value: Input, idle: float) -> bool:
-    """Whether an input may be anything else than a value."""
-    return bool(value.texture or value.primvar or any(number != idle for number in value.value))
+        return material.specular_color.differs(0.0)
+    return material.metallic.differs(0.0) or material.ior != 1.0

@@ -1,11 +1,10 @@
 """Paths of light, batch by batch, from the camera to the lamps. Kernels only; vision frame, mm.
 
-Each step is a loop over all paths of a batch: Embree has named the triangle that each meets, and the kernels say what
-is there and add the light of lamps that the path has met. What follows, rays to lamps and the next direction, is in
-`shading_kernels`.
+Each step is a loop over all paths of a batch: Embree names the triangle that each path meets, and the kernels here find
+its paint and add the light of lamps on the way. Shadow rays and next directions are made in `shading_kernels`.
 
-Light of a lamp is found in two ways, by rays sent to a point of the lamp and by paths that meet it; both count,
-weighted by the power heuristic (Veach 1997). Arguments are named in `paths`.
+Light of a lamp comes in two ways, by shadow rays and by paths that meet the lamp. With the densities p and q of both,
+the one counts by p^2 / (p^2 + q^2): the power heuristic (Veach 1997). Arguments are named in `paths`.
 """
 
 import math
@@ -50,7 +49,7 @@ _GAP = 2e-6
 
 @kernel
 def reach_lamps(lamps, paths):
-    """Move the paths that meet a lamp or the light of the sky if nothing else is in their way to the first rows.
+    """Move paths that meet a lamp or the sky, if nothing else is in their way, to the first rows.
 
     Returns their number.
     """
@@ -81,8 +80,8 @@ def move(paths, i, j):
 
 @kernel
 def meet(shapes, materials, layers, albedo, paths, hits):
-    """Say what each path meets: `hits.triangle` is the first triangle of each ray, -1: none. A path that could have
-    passed it stands for more light.
+    """Write the point, normals, paint and emission where each path meets `hits.triangle`, -1: none. A path that could
+    have passed the triangle gets more power.
 
     `albedo`, (n,) float64: reflectance of the artwork of targets there, whose back is black; NaN elsewhere.
     """
@@ -122,7 +121,7 @@ def meet(shapes, materials, layers, albedo, paths, hits):
 
 @kernel
 def gather(lamps, paths, hits, light):
-    """Add the light that paths meet: lamps before or beyond surfaces, and surfaces that shine.
+    """Add the light of lamps, of the sky and of emissive surfaces that paths meet, by the power heuristic.
 
     `light`, (rays,) float64: radiance of each ray of the camera, added to.
     `hits.distance`: set to infinity where a path ends.
@@ -155,7 +154,7 @@ def gather(lamps, paths, hits, light):
 
 @inline
 def _chance(lamps, paths, i, k, of_each):
-    """Mean number of points of a lamp that are asked for where a path comes from, by `_candidate`."""
+    """Expected number of candidates on a lamp at the previous vertex of a path."""
     if not paths.density[i] > 0.0:
         return 0.0
     point, normal = row(paths.origin, i), row(paths.normal, i)
@@ -165,7 +164,9 @@ def _chance(lamps, paths, i, k, of_each):
 
 @inline
 def power_share(taken, other):
-    """Weight of the power heuristic. Lamps that the camera sees are found in one way only; others behind glass, too."""
+    """Weight of a path by the power heuristic; 1 for lamps that the camera sees, which have no shadow rays, and 0
+    behind glass through which these were sent.
+    """
     if taken > 0.0:
         return 1.0 / (1.0 + (other / taken) ** 2)
     return 1.0 if taken == 0.0 else 0.0
@@ -173,7 +174,7 @@ def power_share(taken, other):
 
 @inline
 def _from_far(lamps, paths, i, direction, of_each):
-    """Weighted radiance of domes and distant lamps, or the background that the camera sees."""
+    """Radiance of domes and distant lamps by the power heuristic, or the background that the camera sees."""
     total, has_dome, cosine = 0.0, False, dot(row(paths.normal, i), direction)
     for k in range(lamps.table.shape[0]):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
@@ -187,7 +188,7 @@ def _from_far(lamps, paths, i, direction, of_each):
 
 @inline
 def goes_straight(table, k):
-    """Whether a lamp is asked through bodies of glass: not an even dome, which paths behind glass meet easily."""
+    """Whether shadow rays go to a lamp through bodies of glass: not to an even dome, which paths behind glass meet."""
     return k == table.shape[0] or table[k, KIND] != DOME or table[k, PICTURE] >= 0.0
 
 
@@ -199,7 +200,7 @@ def gap_at(point, least_mm):
 
 @kernel
 def arrive(corners, triangle, shadows, gap_mm, light):
-    """Add the light of rays to lamps that nothing stops.
+    """Add the light of shadow rays that nothing stops.
 
     `triangle`, (n,) int64: first triangle of each ray, -1: none.
     `light`, (rays,) float64: the radiance of each ray of the camera.

@@ -1,4 +1,4 @@
-"""Records of what lights a scene and what reflects there, as parameters of tasks."""
+"""Lamps, materials and finishes of a lit scene, as parameters of tasks."""
 
 import math
 from dataclasses import dataclass, field
@@ -37,7 +37,7 @@ class Lamp:
 
     @property
     def area(self) -> float:
-        """Area of its bright side [mm^2]; of a distant lamp the solid angle of its light [sr], and so of a dome."""
+        """Area of the bright side [mm^2]; for distant lamps and domes the solid angle of their light [sr]."""
         a, b = self.size
         areas = {
             "rect": 4 * a * b,
@@ -52,11 +52,10 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Texture:
-    """A picture on a surface."""
+    """A picture on a surface: value = scale * texel + bias, by component."""
 
     name: str  # name of the task's input that holds the picture
     channel: str = "rgb"  # `rgb`, or `r`, `g`, `b`, `a` for an input that is one number
-    # value = scale * texel + bias, by component
     scale: Numbers = (1.0, 1.0, 1.0, 1.0)
     bias: Numbers = (0.0, 0.0, 0.0, 0.0)
     wrap: tuple[str, str] = ("repeat", "repeat")  # `repeat`, `mirror`, `clamp` or `black`, along s and t
@@ -72,10 +71,14 @@ class Input:
     texture: Texture | None = None
     primvar: str = ""
 
+    def differs(self, idle: float) -> bool:
+        """Whether the input may be anything else than a number."""
+        return bool(self.texture or self.primvar or any(number != idle for number in self.value))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Glass:
-    """A clear medium below a surface: its refractive index, relative to air, and what it absorbs."""
+    """A clear medium below a surface: its refractive index, relative to air, and its absorption."""
 
     # ascending, and the index at each; linear in between, and constant beyond
     wavelengths_nm: Numbers
@@ -86,10 +89,10 @@ class Glass:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """A UsdPreviewSurface. `specular_color` replaces `metallic` and `ior` where it is there.
+    """A UsdPreviewSurface. `specular_color`, where it is given, replaces `metallic` and `ior`.
 
-    Without a threshold the opacity is that of all of the surface with `is_presence`, otherwise that of its paint. Of
-    one with `glass`, only `roughness`, `normal` and `emissive_color` count.
+    Without a threshold, opacity acts on the whole surface if `is_presence`, else on its paint alone. Of a material with
+    `glass` only `roughness`, `normal` and `emissive_color` count.
     """
 
     diffuse_color: Input = Input(value=(0.18, 0.18, 0.18))
@@ -128,7 +131,7 @@ class PlacedLamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lighting:
-    """The parts of a lit view besides shapes: lamps, a coat for each target, a plain `Finish` for each occluder."""
+    """Lamps of a lit view, the coat of each target, and the finish of each occluder, a plain `Finish`."""
 
     lamps: Annotated[tuple[PlacedLamp, ...], "lamps"]
     coats: Annotated[tuple[Coat | None, ...], "targets/*"] = ()

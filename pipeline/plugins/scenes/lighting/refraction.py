@@ -29,27 +29,27 @@ def dielectric(cosine, ratio):
 
 @inline
 def through_pane(cosine, index):
-    """Share of light that passes both faces of a pane, with all reflections between them, from outside."""
+    """Transmittance (1 - r) / (1 + r) of a pane with all internal reflections, from outside; r of one face."""
     share, _ = dielectric(abs(cosine), index)
     return (1.0 - share) / (1.0 + share)
 
 
 @inline
 def through_face(cosine, index):
-    """Share of light that passes one of two parallel faces, and a path between them over one that does not bend."""
+    """Transmittance of one of two parallel faces, and the path between them over that of light that does not bend."""
     _, inside = dielectric(abs(cosine), index)
     return math.sqrt(through_pane(cosine, index)), abs(cosine) / inside
 
 
 @inline
 def bent(direction, normal, cosine, beyond, ratio):
-    """Direction of light behind a face, for its cosines before and behind it; the normal points to where it is."""
+    """Direction of refracted light, for its cosines before and behind a face whose normal points to its start."""
     return along(times(1.0 / ratio, direction), cosine / ratio - beyond, normal)
 
 
 @unit
 def glass_reflected(paint, view, lit):
-    """Light that facets of rough glass bring from a direction, times its cosine, and the density of `glass_scattered`.
+    """Reflectance or transmittance of rough glass times the cosine, and the density of `glass_scattered`.
 
     Frame of the surface, on whose side z > 0 it is seen; `lit` may be on either side.
     """
@@ -75,7 +75,7 @@ def glass_reflected(paint, view, lit):
 
 @unit
 def glass_scattered(paint, view, pair, dice):
-    """A direction in which light may have come, on either side of rough glass; zero if a facet sends it to another."""
+    """A direction on either side of rough glass, drawn by its facets; zero if a facet sends light to another facet."""
     half = visible_facet(paint.alpha, view, pair[0], pair[1])
     glance = dot(view, half)
     share, beyond = dielectric(glance, paint.ratio)

@@ -1,5 +1,13 @@
-"""Surfaces and the paths of light that meet them: they send rays to lamps, and choose where each path comes from.
-Kernels only; vision frame, mm. Arguments are named in `paths`.
+"""Shading, where paths of light meet surfaces. Kernels only; vision frame, mm. Arguments are named in `paths`.
+
+A path estimates the radiance L that leaves a surface towards the path's start, direction v:
+
+    L(v) = L_e(v) + integral of f(v, l) L(l) cos(l) dl
+
+Of the light in the integral, that of lamps comes by a shadow ray (next-event estimation), and all of it by the path's
+next direction l, drawn in proportion to f cos (importance sampling). Both count by the power heuristic. Paths end at
+random (Russian roulette). Glossy surfaces choose the point of a lamp among a few candidates (resampled importance
+sampling: Talbot, Cline and Egbert 2005).
 """
 
 import math
@@ -25,18 +33,20 @@ from pipeline.plugins.scenes.lighting.shapes import sample_glow
 from pipeline.targets.vectors import across, along, dot, local, minus, row, times, unit, world
 
 _CANDIDATES, _GLOSS = 4, 0.15
-"""Points of lamps of which a glossy surface that the camera sees asks one [1], and the width of facets up to which it
-is glossy: it sees some points of a lamp far brighter than others. Matt ones ask a single point, because those of all
-rays of a pixel are evenly spread, and the chosen ones of several are not."""
-_WHOLE = 3
-"""Surfaces after which no path ends by chance [1]: few from dark surfaces to a mirror and a lamp would be fireflies."""
+"""Candidates for the point of a lamp on a glossy surface that the camera sees [1], and the width of facets up to which
+a surface is glossy: some points of a lamp are far brighter there than others. Matt surfaces take the only candidate:
+points of all rays of a pixel are evenly spread, and chosen ones are not."""
+_CERTAIN = 3
+"""Vertices of a path without Russian roulette [1]: few paths from dark surfaces to a mirror and a lamp would be
+fireflies."""
 _LEAST = 0.05
-"""Least probability with which a path goes on from a later surface [1]: it bounds what one path can add."""
+"""Least probability of survival [1]: it bounds the light of one path."""
 
 
 class SurfacePoint(NamedTuple):
-    """A place of a surface: point, unit axes of its frame, normal of the triangle, what it is made of and how it is
-    seen. Both normals are outside of glass."""
+    """A point of a surface: position, unit axes and normal for shading, normal of the triangle, paint, and the surface
+    as it is viewed. Both normals point out of glass.
+    """
 
     point: tuple[float, float, float]
     x: tuple[float, float, float]
@@ -49,10 +59,10 @@ class SurfacePoint(NamedTuple):
 
 @kernel
 def shade(lamps, scene, vertex, paths, hits, shadows):
-    """Make a ray from each surface to a point of one lamp, or of a surface that shines, and choose where its path comes
-    from: the path's ray is replaced.
+    """Make a shadow ray from each surface to a point of a lamp or of an emissive surface, and draw the next direction
+    of its path.
 
-    Rays to lamps, and paths that go on, become the first rows of `shadows` and `paths`.
+    Shadow rays, and paths that survive, become the first rows of `shadows` and `paths`.
     Returns the numbers of both.
     """
     lamps, scene, paths, hits, shadows = borrowed((lamps, scene, paths, hits, shadows))
@@ -62,6 +72,7 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
             continue
         surface = _surface_at(layers, hits, i, row(paths.direction, i))
         asked, dice = _candidates(vertex, surface.paint), (points, paths.key[i], paths.rank[i], draws.STAGES * vertex)
+        # Next-event estimation: a shadow ray, unless another lamp is in its way.
         if of_each.size > 0:
             lamp, direction, end, light = _light_of_lamp(lamps, of_each, layers, surface, dice, asked)
             start, direction, end = _aimed(surface, direction, end, gap_mm)
@@ -72,7 +83,8 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
                 for axis in range(3):
                     shadows.origin[rays, axis], shadows.direction[rays, axis] = start[axis], direction[axis]
                 rays += 1
-        direction, rise, value, chance, survives = _scattered(layers, surface, dice, vertex >= _WHOLE)
+        # The path goes on in a direction drawn by the reflectance.
+        direction, rise, value, chance, survives = _scattered(layers, surface, dice, vertex >= _CERTAIN)
         if value > 0.0:
             if count < i:
                 move(paths, i, count)
@@ -92,7 +104,7 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
 
 @inline
 def _surface_at(layers, hits, i, direction):
-    """The place where a path meets a surface."""
+    """The point where a path meets a surface."""
     normal, of_paint = row(hits.normal, i), hits.paint
     paint = Paint(of_paint[i, 0], of_paint[i, 1], of_paint[i, 2], of_paint[i, 3], of_paint[i, 4], of_paint[i, 5])
     (x, y), out = across(normal), _outside(paint)
@@ -115,16 +127,16 @@ def _start(surface, direction, gap_mm):
 
 @inline
 def _candidates(vertex, paint):
-    """Number of points of lamps of which a surface asks one."""
+    """Number of candidates for the point of a lamp."""
     return _CANDIDATES if vertex == 0 and (paint.coat > 0.0 or 0.0 < paint.alpha < _GLOSS) else 1
 
 
 @inline
 def _light_of_lamp(lamps, of_each, layers, surface, dice, asked):
-    """A point of a lamp: the lamp, direction, path to it, and the light that it sends if nothing is in between.
+    """A point of a lamp: the lamp, direction, path to it, and its light if nothing is in between.
 
-    Where a few points are candidates, one of them is asked, the more often the more light it may send; if nothing is in
-    between, the light of all of them arrives. So only shadows have the noise of a single point.
+    The point is drawn among the candidates in proportion to their light, and stands for the mean of them all. So only
+    shadows have the noise of a single point.
     """
     points, key, number, stage = dice
     total, u, lamp, aim, path = 0.0, 0.0, -1, surface.normal, math.inf
@@ -145,7 +157,7 @@ def _light_of_lamp(lamps, of_each, layers, surface, dice, asked):
 
 @inline
 def _aimed(surface, direction, end, gap_mm):
-    """Start, direction and path of a ray to the point that lies so far along a direction from a surface."""
+    """Start, direction and path of a shadow ray to the end of a path in a direction from a surface."""
     # Along the old direction it would meet a surface that shines before that point, by the gap over the cosine there,
     # and seen from beside that surface would stop its own light.
     start = _start(surface, direction, gap_mm)
@@ -158,7 +170,7 @@ def _aimed(surface, direction, end, gap_mm):
 
 @inline
 def _candidate(lamps, layers, estimates, surface, pair, asked):
-    """A point of a lamp: the lamp, direction, path to it, and the light that it sends if nothing is in between."""
+    """A candidate: the lamp, direction, path to it, and its light if nothing is in between, by the power heuristic."""
     k, chance, u = chosen_lamp(*estimates, pair[0])
     if k < 0:
         return k, surface.normal, math.inf, 0.0
@@ -183,8 +195,8 @@ def _candidate(lamps, layers, estimates, surface, pair, asked):
 
 @inline
 def _scattered(layers, surface, dice, may_end):
-    """A direction from which light may have come, and its height above the side that is seen; the value of the
-    reflectance, the density of the direction, and the probability with which the path goes on. Without value it ends.
+    """A direction drawn by the reflectance, its height above the viewed side, the reflectance times the cosine, the
+    density, and the probability of survival. A path without reflectance ends.
     """
     points, key, number, stage = dice
     pair, survival = draws.draw(points, key, number, stage + draws.SCATTER), (0.0, 0.0)

@@ -1,5 +1,5 @@
-"""Shapes of a lit scene: triangles of targets and of other meshes, with normals, texture coordinates and materials,
-where rays meet them, and where those that shine are asked for light. In double precision; mm.
+"""Triangles of a lit scene with normals, primvars and materials: shading normals, transparency, and importance sampling
+of emissive triangles. In double precision; mm.
 """
 
 import math
@@ -40,7 +40,7 @@ class Shapes(NamedTuple):
 
 
 class Glow(NamedTuple):
-    """Triangles that shine by themselves, as one more lamp beside those of the table."""
+    """Emissive triangles, together one more lamp beside those of the table."""
 
     estimate: float  # irradiance that they give in the middle of the scene, about; 0: none shines
     # (k,) int64, (k,) float64, triangles that shine, and cumulated probability of each
@@ -68,7 +68,7 @@ def first_above(cumulated, u):
 
 @inline
 def sample_glow(glow, origin, pair):
-    """A point of a triangle that shines: unit direction to it, path, radiance, and density [1/sr]."""
+    """A point of an emissive triangle: unit direction to it, path, radiance, and density [1/sr]."""
     k = first_above(glow.cumulated, pair[0])
     below = glow.cumulated[k - 1] if k > 0 else 0.0
     part = min(max((pair[0] - below) / (glow.cumulated[k] - below), 0.0), 1.0)
@@ -82,7 +82,7 @@ def sample_glow(glow, origin, pair):
 
 @unit
 def _radiance_at(glow, t, w):
-    """Radiance of a triangle that shines, as far as it is present."""
+    """Radiance of an emissive triangle times its presence."""
     m, spot = glow.shapes.material[t], Spot(glow.shapes.primvars, t, w)
     return input_at(glow.materials, m, column.EMISSION, spot) * presence_at(glow.materials, m, spot)
 
@@ -98,7 +98,7 @@ def glow_density(glow, t, direction, length):
 
 @inline
 def weights(corners, normal, point):
-    """Weights of the three corners at a point of the plane."""
+    """Barycentric weights of a point of the plane, within the triangle."""
     second, third = shares(corners, normal, point)
     second, third = min(max(second, 0.0), 1.0), min(max(third, 0.0), 1.0)
     return 1.0 - second - third, second, third
@@ -152,7 +152,7 @@ def _step_of_st(shapes, t, texture, first, corner):
 
 @inline
 def _met(surfaces, t, start, direction, straight):
-    """Path to a triangle, and the share of light that passes it there; also of what goes straight on through glass."""
+    """Path to a triangle, and its transmittance there; with `straight` also of bodies of glass, without refraction."""
     shapes, materials, layers = surfaces
     path, normal = path_to(shapes.corners[t], start, direction)
     w, m = weights(shapes.corners[t], normal, along(start, path, direction)), shapes.material[t]
@@ -164,9 +164,9 @@ def _met(surfaces, t, start, direction, straight):
 
 @kernel
 def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
-    """Path of each ray to its triangle if it passes it, (n,), written; NaN if it does not.
+    """Write the path of each ray to its triangle, (n,), if it passes the triangle by chance; NaN if it does not.
 
-    `surfaces`: shapes, materials and tables of layers. `dice`: points of random numbers, keys, places and the stage.
+    `surfaces`: shapes, materials and tables of layers. `dice`: points of random numbers, keys, ranks and the stage.
     """
     surfaces, dice, triangle, past = borrowed((surfaces, dice, triangle, past))
     origin, direction = borrowed((origin, direction))
@@ -182,7 +182,7 @@ def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
 
 @kernel
 def dim(surfaces, triangle, origin, direction, straight, left, light, past):
-    """Path of each ray to its triangle if light passes it, (n,), written; NaN if it does not, or needs not.
+    """Dim shadow rays: write the path of each to its triangle, (n,), if light passes; NaN if not, or if none needs to.
 
     `straight`, (n,) bool: whether light goes through bodies of glass, unbent.
     `left`, (n,): path that the light has before it; `light`, (n,): what there is of it, multiplied by what passes.
@@ -208,7 +208,7 @@ def joined(pieces: list[Shapes]) -> Shapes:
 
 
 def _widened(piece: Shapes, width: int) -> Shapes:
-    """A piece with so many numbers of primvars."""
+    """A piece with primvars of a common width."""
     more = width - piece.primvars.shape[2]
     return piece._replace(primvars=np.pad(piece.primvars, ((0, 0), (0, 0), (0, more))))
 
@@ -268,7 +268,7 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
 
 
 def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
-    """Triangles that shine, by area and emission, without an estimate yet; with the sum of the products."""
+    """Emissive triangles, drawn by area times emission, still without an estimate; and the sum of the products."""
     emission, power, area = _emission(materials), *np.zeros((2, len(shapes.corners)))
     emitting = np.flatnonzero(emission[shapes.material] > 0)  # of few scenes any, and each slice of the light asks
     edge, next_edge = (shapes.corners[emitting, k] - shapes.corners[emitting, 0] for k in (1, 2))

@@ -1,4 +1,4 @@
-"""Pictures of the sky: radiance in a direction, and directions drawn by it, both in the frame of the dome.
+"""Pictures of the sky: radiance in a direction, and importance sampling of directions, in the frame of the dome.
 
 A picture is in latitude and longitude as UsdLux has it: the first row is at +y, the columns run from longitude +pi to
 -pi, longitude 0 is +z and pi/2 is +x. Directions are drawn from a table of its bins.
@@ -16,7 +16,7 @@ from pipeline.plugins.scenes.lighting.shapes import first_above
 from pipeline.records.shapes import Float64, Num
 
 _FLOOR = 0.05
-"""Part of the directions towards a sky that does not ask how bright it is there [1]."""
+"""Share of directions towards a sky that are drawn whatever its brightness there [1]."""
 
 
 class Dome(NamedTuple):
@@ -74,7 +74,7 @@ def dome_density(dome, direction):
 
 @inline
 def dome_sample(dome, pair):
-    """A direction and its density [1/sr]."""
+    """A direction drawn by the brightness of the sky, and its density [1/sr]."""
     height, width, _ = dome.texels.shape
     i = first_above(dome.rows, pair[0]) - 1
     part = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])

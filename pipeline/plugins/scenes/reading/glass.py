@@ -1,4 +1,4 @@
-"""Glass of things in a scene: what PlenGlassAPI says of a Material, which then refracts light."""
+"""Reader of PlenGlassAPI: a Material with it refracts light."""
 
 import contextlib
 from collections.abc import Iterator
@@ -22,10 +22,10 @@ _ENTRIES = 300
 
 
 def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float) -> tuple[Glass | None, list[Problem]]:
-    """The glass of a Material with PlenGlassAPI, None without it, and doubts about that; UnreadableValue for glass
-    that is not known at a wavelength of a camera, or has an index there that nothing has.
+    """The glass of a Material with PlenGlassAPI, None without it, and doubts about it; UnreadableValue for glass of
+    unknown or impossible index at a wavelength of a camera.
 
-    `ior`: that of its UsdPreviewSurface, which counts without a name.
+    `ior`: index of its UsdPreviewSurface, which counts where no glass is named.
     """
     prim = material.GetPrim()
     if not prim.HasAPI("PlenGlassAPI"):
@@ -57,7 +57,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
 
 
 def _camera_nm(stage: Usd.Stage) -> Iterator[float]:
-    """Wavelengths that cameras of a dataset see."""
+    """Wavelengths of all cameras of a dataset."""
     root = stage.GetDefaultPrim()
     for camera in targets(root, "plen:cameras", "Camera") if root and root.IsA("PlenDataset") else ():
         with contextlib.suppress(UnreadableValue):  # reported where the camera is checked
@@ -65,7 +65,7 @@ def _camera_nm(stage: Usd.Stage) -> Iterator[float]:
 
 
 def _tabled(medium: Medium) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Wavelengths [nm] and indices of a medium, where it has any."""
+    """Wavelengths [nm] and indices of a medium, over the range of its formula."""
     if isinstance(medium.dispersion, Constant):
         return (_RANGE_NM[0],), (medium.dispersion.n,)
     table = list[tuple[float, float]]()

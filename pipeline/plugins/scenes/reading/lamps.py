@@ -1,4 +1,4 @@
-"""Lamps, which are lights of UsdLux: those that are supported, and whether they shine on any target."""
+"""Readers and checks of lamps, the lights of UsdLux."""
 
 import math
 from collections.abc import Iterator, Sequence, Set
@@ -45,26 +45,26 @@ _UNHEARD: dict[str, tuple[Any, str]] = {
     "inputs:shadow:color": ((0.0, 0.0, 0.0), "shadows are without light"),
     "inputs:shadow:distance": (-1.0, "shadows reach to infinity"),
 }
-"""Attributes and relationships without effect, the values with which that is right, and what is drawn instead."""
+"""Attributes and relationships without effect: their idle values, and what is drawn instead."""
 _BRIGHT_SKY = 4.0
 """Radiance of a sky above which an image shows little but white [1]: paper is four times as bright as mid grey."""
 _POINT_MM = 0.1
-"""Radius of the sphere that is drawn for a point that shines [mm]: from afar all spheres of one power are one lamp."""
+"""Radius of the sphere that is drawn for a point light [mm]: from afar all spheres of one power look alike."""
 _FORMATS = ("automatic", "latlong")
 """Formats of pictures of the sky that are drawn."""
 _FAR = ("distant", "dome")
-"""Kinds of lamps that have no place, and no shape."""
+"""Kinds of lamps at infinity, without position or shape."""
 _OFF = 'take it out, or keep it from images with uniform token purpose = "guide"'
 _EVEN = 1e-6
-"""Deviation of scales from each other, and of axes from a right angle, that is accepted [1]: of single precision."""
+"""Accepted deviation of scales from each other, and of axes from a right angle [1]: of single precision."""
 _POINTS_ASKED = 64
-"""Most points of a target that are asked."""
+"""Most points of a target at which its lighting is checked."""
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
 
 
 @read_once
 def lights(stage: Usd.Stage) -> list[Usd.Prim]:
-    """Lights of any kind in stage order that are neither for viewers alone, nor invisible for ever."""
+    """Lights of any kind in images, in stage order."""
     return [prim for prim in stage.Traverse() if prim.HasAPI(UsdLux.LightAPI) and is_in_images(prim)]
 
 
@@ -126,13 +126,13 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
 
 
 def _is_point(prim: Usd.Prim) -> bool:
-    """Whether a light is a sphere without size that has its power all the same."""
+    """Whether a light is a point: a sphere of radius 0 with a power."""
     is_sphere = prim.GetTypeName() == "SphereLight"
     return is_sphere and need(prim, "inputs:normalize") and not need(prim, "inputs:radius") > 0
 
 
 def _shows_picture(prim: Usd.Prim) -> bool:
-    """Whether a light has a picture that is drawn."""
+    """Whether the picture of a light is drawn."""
     kind, given = KINDS[str(prim.GetTypeName())][0], prim.GetAttribute("inputs:texture:format")
     return (
         kind in ("rect", "dome")
@@ -142,7 +142,7 @@ def _shows_picture(prim: Usd.Prim) -> bool:
 
 
 def _shaping(prim: Usd.Prim, kind: str) -> Shaping | None:
-    """The shape of the light of a lamp; None if it shines alike in all directions of its bright side."""
+    """Shaping of a lamp; None if its radiance is the same in all directions of its bright side."""
     profile = prim.GetAttribute("inputs:shaping:ies:file")
     if is_picture(profile):
         hint = "shape the lamp by inputs:shaping:cone:angle, cone:softness and focus, or use one of another size"
@@ -157,9 +157,7 @@ def _shaping(prim: Usd.Prim, kind: str) -> Shaping | None:
 
 
 def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
-    """Radiance of a light in linear sRGB, at least 0, as UsdLux defines it; a normalised one is divided by a factor of
-    its size.
-    """
+    """Radiance of a light in linear sRGB, at least 0, as UsdLux defines it: over `size_factor` if it is normalised."""
     with np.errstate(over="ignore"):  # what is infinite is refused below
         scalar = need(prim, "inputs:intensity") * float(np.exp2(need(prim, "inputs:exposure")))
     if need(prim, "inputs:normalize"):
@@ -176,7 +174,7 @@ def _radiance(prim: Usd.Prim, size_factor: float) -> Rgb:
 
 
 def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> float:
-    """Divisor of a normalised light: its area in units of the stage, or what a cosine sees of a distant one's angle."""
+    """Divisor of a normalised light: its area in units of the stage, or the projected solid angle of a distant one."""
     if kind == "dome":
         return 1.0
     if kind != "distant":
@@ -187,7 +185,7 @@ def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> floa
 
 
 def frame_of(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float, float]]:
-    """Unit axes of a transform, (3, 3), at right angles, the last one as it is, and its scales along them."""
+    """Unit axes of a transform, (3, 3), at right angles with z kept, and its scales along them."""
     axes = matrix[:3, :3]
     x, y, z = (float(np.linalg.norm(axes[:, k])) for k in range(3))
     scale = float(abs(np.linalg.det(axes)) ** (1 / 3))
@@ -201,14 +199,14 @@ def frame_of(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float, float]
 
 
 def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:
-    """Poses of a lamp at some times, without the scale, (n, 4, 4) [mm]."""
+    """Poses of a lamp at times, without the scale, (n, 4, 4) [mm]."""
     stack = np.array(world_from(prim, times, unit_mm))
     stack[:, :3, :3] = [frame_of(matrix)[0] for matrix in stack]
     return stack @ _POLE_Z if _has_pole_z(prim) else stack
 
 
 _POLE_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""Turn of a dome whose +Y is to be its +Z."""
+"""Rotation of a dome from the pole +Y to +Z."""
 
 
 def _has_pole_z(prim: Usd.Prim) -> bool:
@@ -249,7 +247,7 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterator[Problem]:
-    """A warning if the transform of a lamp makes of its shape what is not drawn."""
+    """A warning if the transform of a lamp gives it a shape that is not drawn."""
     if lamp.kind in _FAR:
         return
     stack = world_from(prim, frames, 1.0)
@@ -267,7 +265,7 @@ def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterato
 
 
 def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
-    """Warnings of what has no effect on a light, and what is drawn instead."""
+    """Warnings of attributes without effect on a light, and of what is drawn instead."""
     kind = str(prim.GetTypeName())
     if kind not in KINDS and not is_mesh_light(prim):
         yield not_drawn(prim, f"lights of type {kind} shine nothing here", f"known are {', '.join(KINDS)}; {_OFF}")
@@ -346,7 +344,7 @@ def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
 
 
 def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bool:
-    """Whether light of any lamp that is visible in a frame falls on the front of any point of a target."""
+    """Whether any lamp that is visible in a frame lights the front of any point of a target."""
     points = target.target.points()
     sample = np.unique(np.linspace(0, len(points.kinds) - 1, min(_POINTS_ASKED, len(points.kinds))).astype(int))
     if not len(sample):
@@ -363,15 +361,15 @@ def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bo
 def shines(
     lamp: Lamp,
     world_from_lamp: Float64[np.ndarray, "4 4"],
-    places_mm: Float64[np.ndarray, "n 3"],
+    points_mm: Float64[np.ndarray, "n 3"],
     fronts: Float64[np.ndarray, "n 3"],
 ) -> bool:
-    """Whether light of a lamp falls on the front of any of some places, if nothing is in between."""
+    """Whether a lamp lights the front of any of the points, if nothing is in between."""
     z, (a, b) = world_from_lamp[:3, 2], lamp.size
     if lamp.kind == "dome":
         return True
     if lamp.kind == "distant":
         return bool((fronts @ z > -math.sin(min(a, math.pi / 2))).any())
-    faces = (places_mm - world_from_lamp[:3, 3]) @ z < 0 if lamp.kind in ("rect", "disk") else True
-    reach = math.hypot(a, b)  # the sphere around the lamp: which parts of it a place sees is not asked
-    return bool((faces & (np.sum((world_from_lamp[:3, 3] - places_mm) * fronts, axis=1) > -reach)).any())
+    faces = (points_mm - world_from_lamp[:3, 3]) @ z < 0 if lamp.kind in ("rect", "disk") else True
+    reach = math.hypot(a, b)  # radius of the sphere around the lamp, every part of which counts as visible
+    return bool((faces & (np.sum((world_from_lamp[:3, 3] - points_mm) * fronts, axis=1) > -reach)).any())

@@ -1,4 +1,4 @@
-"""Materials of the meshes of a lit scene, with their normals and texture coordinates."""
+"""Readers and checks of finishes: the materials of a mesh, with normals and primvars at its corners."""
 
 import math
 from collections.abc import Hashable, Iterator, Set
@@ -25,7 +25,7 @@ def _shaded_as(prim: Usd.Prim) -> Hashable:
 
 
 def _named(prim: Usd.Prim, frame: int | None = None) -> Hashable:
-    """The name of the finish of a shape: all that it depends on, inherited primvars too."""
+    """Key of the finish of a shape: all that it depends on, inherited primvars too."""
     return _shaded_as(prim) if frame is None else (prim, frame)
 
 
@@ -46,7 +46,7 @@ def read_finish(prim: Usd.Prim, frame: int | None = None) -> Finish:
 def _carried(
     prim: Usd.Prim, frame: int | None = None
 ) -> tuple[np.ndarray | None, dict[str, np.ndarray], list[Problem]]:
-    """Normals and primvars at the corners of all triangles, and what of them does not fit the shape and is left out."""
+    """Normals and primvars at the corners of all triangles, and warnings of those that do not fit the shape."""
     shape, time = drawn(prim, frame), Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
     wanted = {each.name: each for shade in shades(prim)[0] for each in shade.primvars}
     flaws, primvars, normals = list[Problem](), dict[str, np.ndarray](), None
@@ -96,7 +96,7 @@ def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -
 def _at_corners(
     values: tuple[Numbers, ...], interpolation: str, shape: Drawn, attribute: Usd.Attribute, size: int
 ) -> np.ndarray:
-    """Values of a primvar, of so many numbers each, at the three corners of each triangle, one after the other."""
+    """Values of `size` components at the corners of each triangle, (t, 3 size)."""
     try:
         table = np.array(values, float).reshape(len(values), size)
     except (TypeError, ValueError):
@@ -146,6 +146,6 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
             if error.thing not in blamed:
                 blamed.add(error.thing)
                 yield of_reader(error.thing, error)
-                continue  # with its next value, because those of others count as not written from now on
+                continue  # with its next value: one in a third-party layer counts as not written from now on
         waiting.pop(0)
     yield from remarks

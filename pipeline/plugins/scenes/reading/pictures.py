@@ -1,4 +1,4 @@
-"""Pictures that textures and lights name: files, by content, each opened and decoded once."""
+"""Pictures of textures and lights: files, identified by content, each inspected once."""
 
 import base64
 import hashlib
@@ -23,7 +23,7 @@ SPACES = ("auto", "raw", "sRGB")
 
 @dataclass(frozen=True, slots=True)
 class PictureFile:
-    """A picture that can be decoded: its bytes, and numbers that none of its pixels lies below or above [1]."""
+    """A picture that can be decoded: its bytes, and bounds of the numbers of its pixels [1]."""
 
     content: bytes
     suffix: str
@@ -50,7 +50,7 @@ def name_of(attribute: Usd.Attribute, space: str = "auto") -> str:
 
 
 def first_of(attribute: Usd.Attribute) -> Any:
-    """Value of an attribute in the first frame, which stands for all where nothing is animated."""
+    """Value of an attribute in the first frame."""
     stage = attribute.GetPrim().GetStage()
     has_frames = stage.HasAuthoredTimeCodeRange()
     return attribute.Get(stage.GetStartTimeCode() if has_frames else Usd.TimeCode.EarliestTime())
@@ -100,7 +100,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
 
 @read_once
 def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
-    """A picture; PipelineError, without the name of the file, for what is wrong with it."""
+    """A picture; PipelineError, without the name of the file, if it cannot be used."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
         message = "names the tiles of a picture, which are not drawn" if "<UDIM>" in asset else "cannot be found"

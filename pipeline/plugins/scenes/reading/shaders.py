@@ -1,7 +1,7 @@
-"""Materials of USD as records: UsdPreviewSurface with its textures and primvars, and display colours.
+"""Readers of UsdPreviewSurface, with its textures and primvars, and of display colours.
 
-What a material of others asks for and is not drawn is a warning that says what is drawn in its place; a value that no
-renderer could use is an error.
+A material that asks for more than is drawn brings a warning of what is drawn instead; a value that no renderer could
+use is an error.
 """
 
 import math
@@ -36,7 +36,7 @@ _FALLBACKS: dict[str, tuple[str, Numbers]] = {
 }
 """Field of the record, and fallback of UsdPreviewSurface, for each input that may have a texture."""
 _RANGES = {"ior": Range(low=0.0, high=1e3), "emissiveColor": Range(low=0.0, high=1e30)}
-"""Ranges of inputs [1]: with other indices a surface reflects more than there is; of light, as of lamps."""
+"""Ranges of inputs [1]: of indices with which no surface reflects more light than it gets, and of radiance."""
 _ANY = Range(low=-1e9, high=1e9)
 """Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
 _READERS = {
@@ -44,11 +44,11 @@ _READERS = {
     "UsdPrimvarReader_float2": 2,
     **dict.fromkeys((f"UsdPrimvarReader_{name}" for name in ("float3", "normal", "point", "vector")), _COLOUR),
 }
-"""Numbers that readers of primvars give."""
+"""Components of the primvar that each reader returns."""
 _UNTRANSFORMED: Numbers = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
-"""Rows of the affine map that changes nothing."""
+"""Rows of the identity of affine maps."""
 _MOST_TRANSFORMS = 16
-"""Most maps of texture coordinates, one behind the other [1]: more are a circle."""
+"""Most UsdTransform2d in a chain [1]: more are a cycle."""
 _OF_COAT = 1.5
 """Index of all clear coats [1]."""
 _SURFACES = ("", "glslfx")
@@ -56,14 +56,14 @@ _SURFACES = ("", "glslfx")
 
 
 class Wanted(NamedTuple):
-    """A primvar that a material reads: with as many numbers as its fallback."""
+    """A primvar that a material reads, of as many components as its fallback."""
 
     name: str
     fallback: Numbers
 
 
 class Shaded(NamedTuple):
-    """A material, the primvars that it reads, and warnings about what of it is drawn otherwise."""
+    """A material, the primvars that it reads, and warnings of what is drawn otherwise."""
 
     material: Material
     primvars: tuple[Wanted, ...] = ()
@@ -73,7 +73,7 @@ class Shaded(NamedTuple):
 
 @partial(read_once, named=look)
 def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
-    """Materials of a shape, the first that of all its faces, and which one the faces of its subsets have."""
+    """Materials of a shape, the first that of the whole shape, and the index of the material of faces in subsets."""
     shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
         take(subset.GetPrim())
@@ -88,7 +88,7 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
 
 
 def _as_light(shaded: Shaded, mesh: Usd.Prim) -> Shaded:
-    """A material of a mesh that is a light: what shines of it tints the light if UsdLux says so, or does not count."""
+    """A material of a mesh light: its emission tints the light if UsdLux says so, or does not count."""
     colour, mode = mesh_light(mesh), mesh.GetAttribute("light:materialSyncMode").Get()
     material, glow = shaded.material, shaded.material.emissive_color
     light = Input(value=colour)
@@ -107,11 +107,11 @@ def _product(a: Numbers, b: Numbers) -> Numbers:
 
 
 _PLACE = 2
-"""Numbers of texture coordinates [1], which solids have themselves."""
+"""Components of texture coordinates [1], which solids have without a primvar."""
 
 
 def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
-    """Warnings about what is not drawn of the materials of a shape as they ask for it."""
+    """Warnings of what is drawn otherwise than the materials of a shape ask."""
     shaded, _ = shades(mesh)
     shape, is_glass = drawn(mesh), any(each.material.glass for each in shaded)
     if is_glass:
@@ -138,7 +138,7 @@ def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
 
 
 def values_of(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> tuple[Any, ...]:
-    """Values of a primvar, of one that is no array its only one; none if its indices name values that are not there."""
+    """Values of a primvar, one of a primvar that is no array; none if its indices name values that do not exist."""
     values = plain(primvar.ComputeFlattened(time))
     return (values or ()) if primvar.GetTypeName().isArray else (values,)
 
@@ -180,7 +180,7 @@ def _display_colours(mesh: Usd.Prim) -> Shaded:
 
 
 def read_material(material: UsdShade.Material) -> Shaded:
-    """The record of a Material; NotSupported without a UsdPreviewSurface, UnreadableValue for values of no use."""
+    """The record of a Material; NotSupported without a UsdPreviewSurface, UnreadableValue for unusable values."""
     surface = _surface(material)
     network = _Network(surface)
     fields: dict[str, Any] = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
@@ -190,12 +190,12 @@ def read_material(material: UsdShade.Material) -> Shaded:
     is_presence = network.value(surface, "opacityMode", "transparent") == "presence"
     glass, doubts = read_glass(material, surface, ior)
     record = Material(**fields, ior=ior, opacity_threshold=threshold, is_presence=is_presence, glass=glass)
-    displacement, is_coated = network.source(surface, "displacement"), _differs(record.clearcoat, (0.0,))
+    displacement, is_coated = network.source(surface, "displacement"), record.clearcoat.differs(0.0)
     otherwise = (
         ("ior", is_coated and not glass and ior != _OF_COAT, f"a clear coat is drawn with the index {_OF_COAT:g}"),
         ("normal", record.normal.primvar or record.normal.value != (0, 0, 1), "normals without pictures do not count"),
         ("displacement", bool(displacement), "surfaces are drawn without displacement"),
-        ("metallic", glass and _differs(record.metallic, (0.0,)), "glass is drawn without its metallic"),
+        ("metallic", glass and record.metallic.differs(0.0), "glass is drawn without its metallic"),
         ("clearcoat", glass and is_coated, "glass is drawn without its clearcoat"),
     )
     flaws = (not_drawn(surface.GetInput(name).GetAttr(), message) for name, is_so, message in otherwise if is_so)
@@ -203,11 +203,6 @@ def read_material(material: UsdShade.Material) -> Shaded:
     if not glass and (record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1):
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
     return Shaded(record, tuple(network.primvars.values()), tuple(network.flaws))
-
-
-def _differs(field: Input, idle: Numbers) -> bool:
-    """Whether an input may be anything else than a value."""
-    return bool(field.texture or field.primvar or field.value != idle)
 
 
 def _surface(material: UsdShade.Material) -> UsdShade.Shader:
@@ -239,7 +234,10 @@ class _Network:
         self.flaws = list[Problem]()
 
     def read(self, name: str, fallback: Numbers) -> Input:
-        """A value, texture or primvar, of as many components as the fallback: it or a texture's is drawn for others."""
+        """Value, texture or primvar of an input, of as many components as its fallback.
+
+        What is not supported is drawn with the fallback of its texture, or else that of the input.
+        """
         source = self.source(self._surface, name)
         if not isinstance(source, _Connected):
             return Input(value=fallback if source is None else tuple((numbers(source) + 0.0).tolist()))
@@ -257,7 +255,7 @@ class _Network:
             return Input(value=fallback)
 
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
-        """Origin of an input: a value, a connection to a shader, or None for its fallback."""
+        """Source of an input: a value, a connection to a shader, or None for its fallback."""
         given = shader.GetInput(name)
         attribute = next(iter(given.GetValueProducingAttributes() if given else ()), None)
         if attribute is None:
@@ -322,7 +320,7 @@ class _Network:
             channel=source.output,
             scale=self.value(shader, "scale", (1.0, 1.0, 1.0, 1.0)),
             bias=self.value(shader, "bias", (0.0, 0.0, 0.0, 0.0)),
-            # What files say themselves is not read: black, as the definition of UsdUVTexture has it without.
+            # Metadata of files is not read: black, which is the fallback of UsdUVTexture without any.
             wrap=tuple("black" if wrap == "useMetadata" else str(wrap) for wrap in wraps),  # type: ignore[arg-type]
             st_from_primvar=transform,
             primvar=primvar,
@@ -354,14 +352,14 @@ class _Network:
 
 
 def _chained(outer: Numbers, inner: Numbers) -> Numbers:
-    """The affine map that does the inner one first."""
+    """The product of two affine maps, the inner one applied first."""
     a, b, c, d, e, f = outer
     g, h, i, j, k, m = inner
     return a * g + b * j, a * h + b * k, a * i + b * m + c, d * g + e * j, d * h + e * k, d * i + e * m + f
 
 
 def _wanted(shader_id: str, name: str, value: Any) -> str | None:
-    """Content of an input by the definition of its shader, if a value of USD is not that; else None."""
+    """Content of an input by the definition of its shader, in words, if a value of USD is not that; else None."""
     count, tokens = _declared(shader_id).get(name, (0, ()))
     if tokens:
         return None if value in tokens else f"one of {', '.join(tokens)}"
@@ -373,7 +371,7 @@ def _wanted(shader_id: str, name: str, value: Any) -> str | None:
 
 @cache
 def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
-    """Inputs of a shader: how many numbers each holds, 0 for texts, and the tokens that it may be."""
+    """Inputs of a shader: the number of components, 0 for texts, and the allowed tokens."""
     shader = Sdr.Registry().GetShaderNodeByIdentifier(shader_id)
     inputs = {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()}
     return {

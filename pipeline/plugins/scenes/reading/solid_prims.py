@@ -1,4 +1,4 @@
-"""Solids of USD as triangles, as fine as a curved surface needs."""
+"""Readers of the solids of UsdGeom, as triangles within a tolerance of the curved surface."""
 
 from collections.abc import Callable
 from typing import Any
@@ -26,9 +26,9 @@ _MAKERS: dict[str, Callable[..., Solid]] = {
 _FINENESS = 1e-3
 """Largest distance of triangles from a curved surface, in greatest extents of the shape [1]; see plen:tolerance."""
 _SIDES_OF_CUBE = (4, 5, 2, 3, 0, 1)
-"""Numbers that the sides to +x, -x, +y, -y, +z and -z have in renderers of USD, for values of primvars."""
+"""Numbers of the sides +x, -x, +y, -y, +z and -z in renderers of USD, for values of primvars."""
 _CORNERS_OF_CUBE = (7, 3, 1, 5, 0, 2, 6, 4)
-"""The corners of a cube in the order in which these have them, as numbers of three bits: is x, y, z positive?"""
+"""Corners of a cube in their order in these renderers, as numbers of three bits: is x, y, z positive?"""
 
 
 def tolerance_of(prim: Usd.Prim, size: float) -> float:

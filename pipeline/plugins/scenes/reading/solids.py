@@ -33,7 +33,7 @@ class Solid:
 
 
 def _steps(radius: float, angle: float, tolerance: float) -> int:
-    """Chords of an arc that are nowhere farther from it than half a tolerance: the other half is for the other arc."""
+    """Number of chords of an arc, nowhere farther from it than half the tolerance: the other arc has the other half."""
     if radius <= 0:
         return 1
     half = math.acos(max(1.0 - tolerance / (2.0 * radius), -1.0))
@@ -41,7 +41,7 @@ def _steps(radius: float, angle: float, tolerance: float) -> int:
 
 
 def _arc(radius: float, height: float, start: float, end: float, tolerance: float) -> np.ndarray:
-    """Part of a meridian: rows of distance from the axis, height, and both components of the normal."""
+    """An arc of a meridian: rows of distance from the axis, height, and both components of the normal."""
     angle = np.linspace(start, end, _steps(radius, abs(end - start), tolerance) + 1)
     across, up = np.cos(angle), np.sin(angle)
     across[np.isclose(np.abs(angle), math.pi / 2, rtol=0, atol=1e-12)] = 0.0

@@ -1,4 +1,4 @@
-"""Meshes of USD as subdivision surfaces: their creases, boundaries and primvars."""
+"""Readers of meshes that are subdivision surfaces: creases, boundaries and primvars."""
 
 from dataclasses import replace
 from functools import cached_property
@@ -24,7 +24,7 @@ from pipeline.scene.usd.readers import read_once
 
 
 class Surface:
-    """The topology of a subdivision surface, with the levels of its vertices and of other values on it."""
+    """The topology of a subdivision surface, with the levels of its vertices and of its primvars."""
 
     def __init__(self, prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> None:
         if scheme == LOOP and (polygons.count != CORNERS).any():
@@ -76,7 +76,7 @@ class Surface:
         return Levels(self.cage, BILINEAR, self.scheme)
 
     def face_varying(self, indices: np.ndarray | None, count: int) -> Levels:
-        """Levels of values at the corners of faces, which are joined where they share an index."""
+        """Levels of face-varying values, which are joined where corners share an index."""
         polygons, rule = (
             self._polygons,
             self._mesh.GetFaceVaryingLinearInterpolationAttr().Get(Usd.TimeCode.EarliestTime()),

@@ -1,8 +1,8 @@
-"""Subdivision surfaces: cages of polygons, refined until they are as near to the limit as asked.
+"""Subdivision surfaces: control cages, refined until their triangles are within a tolerance of the limit surface.
 
-Catmull-Clark, Loop and bilinear surfaces with boundaries, creases and corners, sharp for ever or for some levels; the
-rules are those that USD refers to: OpenSubdiv's, with uniform creases. Each level is a sparse matrix on the points of
-the cage, so what else lies on its vertices follows by the same rule. Lengths are in the unit of the points.
+Catmull-Clark, Loop and bilinear surfaces with boundaries, and with creases and corners that are infinitely sharp or
+semi-sharp. The rules are those of OpenSubdiv, to which USD refers, with uniform creases. Each level is a sparse matrix
+on the points of the cage, so primvars at its vertices follow by the same rule. Lengths are in the unit of the points.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from scipy import sparse
 from pipeline.records.shapes import Bool, Float64, Int64
 
 CATMULL_CLARK, LOOP, BILINEAR = "catmullClark", "loop", "bilinear"
-SHARP_FOR_EVER = 10.0
-"""Sharpness [levels] from which creases and corners stay sharp at all levels, as USD defines it."""
+INFINITELY_SHARP = 10.0
+"""Sharpness from which creases and corners stay sharp at all levels [levels]: UsdGeom.Mesh.SHARPNESS_INFINITE."""
 _SPREAD = {CATMULL_CLARK: 1.0, BILINEAR: 1.0, LOOP: 4.0 / 3.0}
-"""Largest distance of a triangle from a curved surface, in distances at the middles of its edges [1]: a rectangular one
-is farthest off at the middle of its longest edge, an equilateral one at its centre."""
+"""Largest distance of a triangle from a curved surface, over that at the middles of its edges [1]: a right triangle is
+farthest off at the middle of its longest edge, an equilateral one at its centre."""
 _ROUNDED = 1.0 / 3.0
-"""Distance by which a crease that turns smooth falls short of a sharp one, in edges of that level [1]: of a knife."""
+"""Distance of a semi-sharp crease that turns smooth from a sharp one, in edges of that level [1]: of a knife."""
 _MEASURED = 50_000
-"""Most faces of a level that is measured by the next one [1]; beyond, each is taken as half as far off."""
+"""Most faces of a level whose distance is measured at the next one [1]; beyond, each level halves the distance."""
 
 
 class NotManifold(ValueError):
@@ -32,7 +32,10 @@ class NotManifold(ValueError):
 
 @dataclass(frozen=True)
 class Cage:
-    """Polygons, corner by corner: anticlockwise as seen from the front, and all of one face one after the other."""
+    """A control cage: the corners of its polygons, face by face, anticlockwise as seen from the front.
+
+    A corner also stands for the half-edge from it to the next corner.
+    """
 
     vertex: Int64[np.ndarray, "c"]  # of each corner
     count: Int64[np.ndarray, "f"]  # corners of each face
@@ -81,15 +84,15 @@ class Cage:
 
     @cached_property
     def edge_sharp(self) -> np.ndarray:
-        """Sharpness of each edge; boundaries are sharp for ever."""
+        """Sharpness of each edge; boundaries are infinitely sharp."""
         sharp = np.zeros(len(self.ends))
         np.maximum.at(sharp, self.edge, self.sharp)
-        sharp[(self.faces_at_edge == 1) | (sharp >= SHARP_FOR_EVER)] = np.inf
+        sharp[(self.faces_at_edge == 1) | (sharp >= INFINITELY_SHARP)] = np.inf
         return sharp
 
     @cached_property
     def twin(self) -> np.ndarray:
-        """The corner from which the other face runs along the same edge; -1 at a boundary."""
+        """Twin of each half-edge, that of the other face along the same edge; -1 at a boundary."""
         order = np.argsort(self.edge, kind="stable")
         same = np.flatnonzero(self.edge[order][1:] == self.edge[order][:-1])
         twin = np.full(len(self.vertex), -1)
@@ -114,8 +117,10 @@ class Cage:
             raise NotManifold("faces meet at a vertex alone")
 
     def fans(self, cut: Bool[np.ndarray, "e"]) -> tuple[np.ndarray, np.ndarray]:
-        """Fan of each corner among those around its vertex, which the marked edges divide, and its place in it from 0,
-        anticlockwise. Fans are numbered by their first corner; a vertex with one marked edge is not divided.
+        """Fan of each corner, and its rank there from 0, anticlockwise.
+
+        Fans are the sectors into which marked edges divide the corners around a vertex; a single marked edge divides
+        none. They are numbered by their first corner.
         """
         divided = (self.sharp_at(cut) > 1)[self.vertex]
         turned = self.twin[self.before]  # the next corner around the vertex, anticlockwise
@@ -174,7 +179,7 @@ class _Rules:
         return _scaled(sharp, self.middles) + _scaled(1 - sharp, smooth)
 
     def vertex_points(self) -> sparse.csr_matrix:
-        """Points of the vertices: by the rule of this level where that is also the next one's, else between both."""
+        """Points of the vertices: by the rule of this level, blended with the next one's where a sharpness ends."""
         if self.scheme == BILINEAR:
             return sparse.identity(self.v, format="csr")
         edge, corner = self.cage.edge_sharp, self.cage.corner
@@ -189,7 +194,7 @@ class _Rules:
     def _mixed(
         self, sharp: np.ndarray, is_corner: np.ndarray, smooth: sparse.csr_matrix, beside: float
     ) -> sparse.csr_matrix:
-        """Rows of smooth vertices, of creases with a weight of the vertices beside, and of corners."""
+        """Rows of smooth vertices, of creases with the weight `beside` of both neighbours, and of corners."""
         number = self.cage.sharp_at(sharp)
         is_corner = is_corner | (number > 2)
         is_crease = ~is_corner & (number == 2)
@@ -209,8 +214,8 @@ class _Rules:
         return sparse.diags((n - 2) / n).tocsr() + _scaled(1.0 / n**2, around)
 
     def limits(self) -> sparse.csr_matrix:
-        """Points of the limit at the vertices of a cage of quads (triangles for Loop); what is still sharp is so for
-        ever.
+        """Limit points of the vertices of a cage of quads (triangles for Loop); remaining creases count as infinitely
+        sharp.
         """
         if self.scheme == BILINEAR:
             return sparse.identity(self.v, format="csr")
@@ -242,12 +247,12 @@ def _child(cage: Cage, scheme: str) -> Cage:
         vertex = np.stack(rows, axis=1).ravel()
         sharpness = np.stack([sharp, nothing, nothing, sharp[cage.before]], axis=1).ravel()
         count, more = np.full(len(cage.vertex), 4), e + f
-    corner = np.where(cage.corner >= SHARP_FOR_EVER, np.inf, np.maximum(cage.corner - 1, 0))
+    corner = np.where(cage.corner >= INFINITELY_SHARP, np.inf, np.maximum(cage.corner - 1, 0))
     return Cage(vertex, count, sharpness, np.concatenate([corner, np.zeros(more)]))
 
 
 class Levels:
-    """The levels of one cage, made when asked for. With `scheme` bilinear, any faces may meet in any way."""
+    """The levels of one cage, refined on demand. Bilinear cages need not be manifold."""
 
     def __init__(self, cage: Cage, scheme: str, split: str = "") -> None:
         if scheme != BILINEAR:

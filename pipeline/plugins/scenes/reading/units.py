@@ -1,4 +1,6 @@
-"""Checks of lengths and axes of what others made: USD converts nothing, a transform where it is referenced may."""
+"""Checks of units and up axes of third-party files, which a transform may convert where they are referenced: USD does
+not.
+"""
 
 import math
 from collections.abc import Iterator
@@ -11,19 +13,19 @@ from pipeline.scene.usd.poses import ancestry, xform_ops
 from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
 
 _SAME = 1e-6
-"""Relative difference of units that is none [1]: some programs write them in single precision."""
+"""Relative difference of equal units [1]: some programs write them in single precision."""
 _CONVERTING = 1 / 3
-"""Least share of a ratio of units, in powers of ten, that a scale must have to be meant as a conversion [1]: a thing
-that is fitted into a scene has another scale than the ratio, and one that is merely stretched hardly any.
+"""Least ratio of the logarithms of a scale and of the ratio of units for a scale that is meant as a conversion [1]:
+things fitted into a scene have another scale than the ratio, and things that are only stretched hardly any.
 """
 _RESOLVING = ":unitsResolve"
-"""End of the names of operations that convert, as programs write them that convert by themselves."""
+"""Suffix of the operations by which USD's own tools convert units and axes."""
 _UPRIGHT = 0.7
-"""Cosine of an angle to the axis that a transform leaves where it is [1]: 45 degrees."""
+"""Least cosine of an axis and its image under a transform that does not turn it [1]: 45 degrees."""
 
 
 def check_units(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
-    """A warning for each prim that brings in lengths or an axis other than its own, and does not convert them."""
+    """A warning for each prim that references a file of other units or another up axis without converting them."""
     for prim in stage.Traverse() if third_party.layers else ():
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
@@ -75,9 +77,9 @@ def _units(layer: Sdf.Layer) -> tuple[float, str]:
 
 
 def _matrix(prim: Usd.Prim, stage_layers: set[Sdf.Layer], file_layers: set[Sdf.Layer], kind: str = "") -> np.ndarray:
-    """Linear part of the transforms above what is brought in, on column vectors (3, 3), of all ops or those of a kind.
+    """Linear part of the transforms above a referenced prim, on column vectors (3, 3), without those of its own file.
 
-    What the brought in file itself moves is no part of it.
+    `kind`: suffix of the names of the operations that count.
     """
     matrix = np.eye(3)
     for link in ancestry(prim):
@@ -91,7 +93,7 @@ def _matrix(prim: Usd.Prim, stage_layers: set[Sdf.Layer], file_layers: set[Sdf.L
 
 
 def _order(prim: Usd.Prim, file_stack: Pcp.LayerStack, ops: list[tuple[str, str]]) -> str:
-    """The xformOpOrder with the conversion before what the file itself moves."""
+    """The xformOpOrder with the conversion in front of the operations of the file."""
     names = list(prim.GetAttribute("xformOpOrder").Get() or ()) if prim.GetAttribute("xformOpOrder") else []
     layers = set(file_stack.layers)
     its = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
@@ -101,7 +103,7 @@ def _order(prim: Usd.Prim, file_stack: Pcp.LayerStack, ops: list[tuple[str, str]
 
 
 def _length(metres: float) -> str:
-    """A length in the unit in which people say it."""
+    """A length in km, m, mm, µm or nm."""
     for unit, size in (("km", 1e3), ("m", 1.0), ("mm", 1e-3), ("µm", 1e-6)):
         if metres >= size:
             return f"{metres / size:.3g} {unit}"

@@ -1,5 +1,5 @@
-"""Instances of point instancers as prims of their own, and points that skeletons and blend shapes move in each frame,
-written into the session layer of a stage, so that no file changes.
+"""Point instancers written out as prims, and skinned meshes baked at each frame, in the session layer of a stage: no
+file changes.
 """
 
 import math
@@ -17,7 +17,7 @@ from pipeline.scene.usd.values import plain
 _INSTANCE = "Instance_"
 """Beginning of the names of prims that stand for an instance, below its point instancer."""
 _SAME = 1e-9
-"""Difference of elements of transforms that are the same [unit of the stage]: both are doubles, written out in full."""
+"""Difference of elements of equal transforms [unit of the stage]: both are doubles, written out in full."""
 _BAKED = ("points", "xformOp:transform")
 _WEIGHTS = ("translations", "rotations", "scales", "blendShapeWeights")
 
@@ -87,7 +87,7 @@ def _check_written(prim: Usd.Prim, instances: "list[_Instance]") -> Iterator[Pro
 
 @dataclass
 class _Instance:
-    """An instance: its prototype, and in some frames its transform and place among the others."""
+    """An instance: its prototype, and by frame its transform and its index in the arrays of the instancer."""
 
     prototype: Sdf.Path
     poses: dict[float, Gf.Matrix4d] = field(default_factory=dict)
@@ -95,7 +95,7 @@ class _Instance:
 
 
 def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
-    """The instances that are there in any frame. One that keeps its id and prototype is the same in all frames."""
+    """The instances of all frames. One that keeps its id and prototype is the same instance in all of them."""
     prototypes = instancer.GetPrototypesRel().GetForwardedTargets()
     prim = instancer.GetPrim()
     moves = any(
@@ -121,8 +121,8 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
 
 
 def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem]:
-    """Write instances below a point instancer: each a transform above a reference to its prototype; warnings of values
-    that are too few.
+    """Write instances below a point instancer, each a transform above a reference to its prototype; warnings of
+    primvars with too few values.
     """
     stage = prim.GetStage()
     layer, path = stage.GetSessionLayer(), prim.GetPath()
@@ -187,7 +187,7 @@ def _carried_above(prototype: Usd.Prim, instancer: Usd.Prim) -> list[Usd.Attribu
 
 
 def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path]:
-    """Materials of bindings, by their names, that a prototype has by prims above it, or by collections, and that its
+    """Materials by the names of their bindings, which prims above a prototype or collections bind to it, and which its
     instances do not inherit.
     """
     api, bindings = UsdShade.MaterialBindingAPI(prototype), dict[str, Sdf.Path]()
@@ -260,7 +260,7 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
 
 
 def _keep(layer: Sdf.Layer, frames: Sequence[int]) -> None:
-    """Take away samples between the frames, of which UsdSkel bakes one at each integer."""
+    """Erase samples between the frames: UsdSkel bakes one at each integer."""
     paths = list[Sdf.Path]()
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     with Sdf.ChangeBlock():

@@ -1,4 +1,4 @@
-"""Tasks of images that lamps light: those of the core, with another scene before the camera."""
+"""Tasks of lit images: those of the core, with a lit scene before the camera."""
 
 import pickle
 from collections.abc import Sequence
@@ -48,7 +48,7 @@ def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) ->
 
 
 def lit_at(view: LitPaintedView, time_s: float) -> LitPaintedView:
-    """The view at a time after the time code of its frame; no lamp in it moves, and nothing else."""
+    """The view at a time after the time code of its frame, without motions."""
     still = view_at(view, time_s)
     if still.lighting is None:
         return still

@@ -1,4 +1,4 @@
-"""Tasks `labels_tile` and `labels`: what each pixel of a camera sees in a frame."""
+"""Tasks `labels_tile` and `labels`: labels of the pixels of a camera in a frame."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Parameters of the tasks of this plug-in: pictures, images that lamps light, and labels of pixels.
+"""Parameters of the tasks of this plug-in: pictures, lit images, and labels of pixels.
 
 `MODULE` is the home of the tasks whose parameters a record holds; the name of the task begins with the function.
 """
@@ -42,9 +42,7 @@ class PictureFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LitPaintedView(PaintedView):
-    """A view with what lights it and what its things are made of; `lights` is the light of each wavelength of the
-    image.
-    """
+    """A view with its lighting; `lights` is the light of each wavelength of the image."""
 
     lighting: Lighting | None
     lights: tuple[Slices, ...]
@@ -52,7 +50,7 @@ class LitPaintedView(PaintedView):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LitImage(Image):
-    """An image of things that lamps light."""
+    """An image of a lit scene."""
 
     MODULE: ClassVar[str] = "pipeline.plugins.scenes.tasks.images"
 
@@ -68,7 +66,7 @@ class LitImage(Image):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
-    """Channels that are asked for; names of targets with shares, and of all things by matte, targets first."""
+    """Channels of labels: the tokens, names of targets with shares, and names of all things by matte, targets first."""
 
     tokens: tuple[str, ...]
     targets: tuple[str, ...]
@@ -77,7 +75,7 @@ class Channels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextFrame:
-    """All targets and occluders in the next frame, None: it is not there; and the shutter before which some move."""
+    """All targets and occluders in the next frame, None for one that is invisible there; and the shutter."""
 
     targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
     occluders: Annotated[tuple[PlacedOccluder | None, ...], "occluders"]
