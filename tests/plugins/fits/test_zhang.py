@@ -24,7 +24,7 @@ FREE = ("plen:camera:sensorDistance", "plen:camera:distortion[0]", "plen:camera:
 def twin() -> Twin:
     free = [*(f"Rig/Camera.{name}" for name in FREE), "Rig/Sensor.plen:offset"]
     stage = FreeStage(DATA / "zhang_1998/dataset.usda", free)
-    return calibrate(stage, DATA / "zhang_1998/corners.csv", Stated(sigma_px=0.24))
+    return calibrate(stage, [DATA / "zhang_1998/corners.csv"], Stated(sigma_px=0.24))
 
 
 def numbers(twin: Twin) -> np.ndarray:
