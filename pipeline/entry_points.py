@@ -2,9 +2,10 @@
 
 Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
 timeout_s)` of `--engine NAME:WHERE`; `.products`: `report`, which listens to a build and then writes about its folder;
-`.readers`: `lens.SUFFIX` and `camera.SUFFIX`, functions of files; `.formats`: modules, see docs/export_format.md;
-`.scenes`: `reader`, a module that is a `scene.usd.plug_in.SceneReader`, and `tasks`, one with the tasks of lamps,
-pictures and labels; `.kernels`: `app.compile_kernels.Part`s.
+`.sections`: functions (report, stage, output) that `tell` such a report more about a build; `.readers`: `lens.SUFFIX`
+and `camera.SUFFIX`, functions of files; `.formats`: modules, see docs/export_format.md; `.scenes`: `reader`, a module
+that is a `scene.usd.plug_in.SceneReader`, and `tasks`, one with the tasks of lamps, pictures and labels; `.kernels`:
+`app.compile_kernels.Part`s.
 """
 
 import sys

@@ -2,7 +2,8 @@
 
     python examples/14_twin/twin.py [FOLDER]
 
-FOLDER, by default build/14_twin, gets real.usda, corners.csv, fitted.usda, fitted.json and both builds.
+FOLDER, by default build/14_twin, gets real.usda, images, corners.csv, fitted.usda, fitted.json and both builds; the
+report of the twin's, fitted.report/index.html, shows the fit, and the images side by side.
 """
 
 import subprocess
@@ -17,7 +18,8 @@ from pipeline.files.exr import read_exr
 from pipeline.files.tables import write_table
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
-from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.plugins.fits.real_images import found_images
+from pipeline.plugins.fits.twin import Twin, calibrate, document
 from pipeline.plugins.fits.twin_page import page
 from pipeline.scene.tolerances import drawn
 
@@ -41,9 +43,10 @@ def main() -> None:
     detect(folder / "real", folder / "corners.csv")
     for old in (fitted, fitted.with_suffix(".json")):
         old.unlink(missing_ok=True)
-    twin = calibrate(FreeStage(STAGE, ["Made"]), [folder / "corners.csv"], Stated(), tell=print)
-    twin.write(fitted)
-    print("\n".join(page(twin)))
+    stage = FreeStage(STAGE, ["Made"])
+    twin = calibrate(stage, [folder / "corners.csv"], Stated(), tell=print)
+    twin.write(fitted, found_images([str(folder / "images")], stage.nominal, fitted))
+    print("\n".join(page(document(twin))))
     recovered(twin, {error.name: error.error for error in errors})
     built(fitted, folder / "fitted")
     compare(folder / "real", folder / "fitted")
@@ -51,16 +54,21 @@ def main() -> None:
 
 def built(stage: Path, out: Path) -> None:
     """Build a layer; it may read what the example may."""
-    command = [sys.executable, "-m", "pipeline", "build", str(stage), "-o", str(out), "--no-report"]
-    subprocess.run([*command, "--allow-root", str(STAGE.parent)], check=True)
+    command = [sys.executable, "-m", "pipeline", "build", str(stage), "-o", str(out), "--allow-root", str(STAGE.parent)]
+    subprocess.run(command, check=True)
 
 
 def detect(out: Path, file: Path) -> None:
-    """Find corners in the images of a build, as one would in photographs; nothing of its truth is read."""
+    """Find corners in the images of a build, as one would in photographs; nothing of its truth is read. The images of
+    8 bits that the detector sees are kept beside the table.
+    """
+    images = file.parent / "images"
+    images.mkdir(exist_ok=True)
     columns: dict[str, list] = {name: [] for name in ("frame", "point_id", "x_px", "y_px")}
     for view in pipeline.open_output(out).cameras["Rig.Camera"].views:
         light = read_exr(view.image_path)["image"].channels["Y"]
         image = np.rint(np.clip(light / light.max(), 0, 1) * 255).astype(np.uint8)
+        cv2.imwrite(str(images / f"{view.frame}.png"), image)
         found, corners = cv2.findChessboardCornersSB(image, (COLUMNS, ROWS), flags=cv2.CALIB_CB_ACCURACY)
         if not found:
             print(f"frame {view.frame}: no board is found")

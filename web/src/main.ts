@@ -4,7 +4,7 @@ import { load } from "./data";
 import { fillAll, h } from "./dom";
 import type { Page } from "./records";
 import { SceneView } from "./scene3d";
-import { history, information, lens, logo, optics, overview, residuals, verdictOf, VERDICTS } from "./sections";
+import { history, lens, logo, optics, overview, residuals, told, verdictOf, VERDICTS } from "./sections";
 import { State } from "./state";
 import { ImageViewer } from "./viewer";
 
@@ -93,11 +93,12 @@ async function begin(): Promise<void> {
   const theme = themes(state);
   const dialog = h("dialog", { "aria-label": "Keys" }, h("h2", {}, "Keys"), h("dl", {}, ...KEYS.flatMap(([key, words]) => [h("dt", {}, h("kbd", {}, key)), h("dd", {}, words)])), h("form", { method: "dialog" }, h("button", {}, "Close")));
   const viewer = new ImageViewer(state);
+  const headings = [...new Set(page.cameras.flatMap((one) => Object.keys(one.told)))];
   const parts = [
     section("overview", "Overview", ...overview(page)), section("images", "Images and truth", viewer.element),
     section("scene", "In space", new SceneView(state).element), section("lens", "Lens", lens(state)), section("optics", "Spots and curves", optics(state)),
     section("residuals", "Residuals", residuals(state)),
-    ...(page.cameras.some((one) => one.information) ? [section("information", "Information", information(state))] : []), section("build", "Build", history(state)),
+    ...headings.map((heading) => section(heading.toLowerCase(), heading, told(state, heading))), section("build", "Build", history(state)),
   ];
   const links = parts.map((part) => h("a", { href: `#${part.id}` }, part.querySelector("h2")!.textContent!));
   document.body.replaceChildren(

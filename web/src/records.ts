@@ -47,6 +47,7 @@ export interface Picture {
   path: string;
   tile_px: number | null;
   levels: number;
+  section: string;
 }
 
 /** A camera in a frame; `data` is the script with its table. */
@@ -130,13 +131,13 @@ export interface Optics {
   fans: RayFan[];
 }
 
-/** The output of `pipeline inform` about a camera: words, and maps as SVG, empty where all is undetermined. */
-export interface InformationPart {
+/** A section of the page that another plug-in tells of a camera: lines, and an SVG, empty where there is none. */
+export interface ToldPart {
   lines: string[];
   drawing: string;
 }
 
-/** A camera, or one of its channels; `optics`, `information` and so on are scripts, None where there are none. */
+/** A camera, or one of its channels; `optics` and so on are scripts, None where there are none, and those of */
 export interface CameraPart {
   name: string;
   kind: string;
@@ -147,7 +148,7 @@ export interface CameraPart {
   certificate: Record<string, any> | null;
   optics: string | null;
   micro_images: string | null;
-  information: string | null;
+  told: Record<string, string>;
   pictures: Picture[];
   views: View[];
   residuals: Residuals;

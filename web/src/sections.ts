@@ -4,7 +4,7 @@ import { chartOf, histogramOf, mapOf, spotsOf } from "./charts";
 import { load } from "./data";
 import { bytes, count, figure, h, measured, s, whenSeen } from "./dom";
 import { timelineOf } from "./timeline";
-import type { CameraPart, History, InformationPart, Optics, Page } from "./records";
+import type { CameraPart, History, Optics, Page, ToldPart } from "./records";
 import type { State } from "./state";
 
 type Verdict = "passed" | "failed" | "none";
@@ -136,12 +136,13 @@ export function residuals(state: State): HTMLElement {
   return place;
 }
 
-/** What `pipeline inform --report` has said of the chosen camera. */
-export function information(state: State): HTMLElement {
-  const place = h("div", {});
+/** What another plug-in tells of the chosen camera, and its pictures side by side. */
+export function told(state: State, heading: string): HTMLElement {
+  const place = h("div", { class: "told" });
   const show = async () => {
     const camera = state.camera;
-    const nodes = camera.information ? informed(await load<InformationPart>(camera.information)) : [h("p", { class: "muted" }, `Nothing has been asked of ${camera.name}: pipeline inform OUT ${camera.name} --report`)];
+    const script = camera.told[heading];
+    const nodes = script ? toldOf(await load<ToldPart>(script), camera, heading) : [h("p", { class: "muted" }, heading === "Information" ? `Nothing has been asked of ${camera.name}: pipeline inform OUT ${camera.name} --report` : `Nothing is told of ${camera.name}.`)];
     if (camera === state.camera) place.replaceChildren(...nodes);
   };
   whenSeen(place, show);
@@ -149,10 +150,13 @@ export function information(state: State): HTMLElement {
   return place;
 }
 
-function informed(found: InformationPart): Node[] {
-  const maps = h("div", { class: "panel drawing", role: "img", "aria-label": "deviation of projections over the image, by distance" });
+function toldOf(found: ToldPart, camera: CameraPart, heading: string): Node[] {
+  const maps = h("div", { class: "panel drawing", role: "img", "aria-label": `${heading}: maps over the image` });
   if (found.drawing) maps.append(svg(found.drawing));
-  return [h("div", { class: "panel scroll" }, h("pre", {}, found.lines.join("\n"))), ...(found.drawing ? [maps] : [])];
+  const rows = camera.views.map((view) => ({ frame: view.frame, pictures: view.pictures.filter((one) => one.section === heading) })).filter((row) => row.pictures.length);
+  const strips = rows.map((row) => h("div", { class: "side-by-side" }, ...row.pictures.map((one) => h("figure", {}, h("figcaption", {}, `frame ${row.frame}: ${one.kind}`),
+    h("img", { src: one.tile_px ? `${one.path}/0/0_0.png` : one.path, alt: `frame ${row.frame}: ${one.kind}`, loading: "lazy", width: one.width_px, height: one.height_px })))));
+  return [h("div", { class: "panel scroll" }, h("pre", {}, found.lines.join("\n"))), ...(found.drawing ? [maps] : []), ...(strips.length ? [h("div", { class: "panel" }, ...strips)] : [])];
 }
 
 export function history(state: State): HTMLElement {

@@ -44,6 +44,11 @@ class OurFiles:
         self._read: dict[str, tuple[Signature, str | None]] = dict(self._note.looks)
         self._settled_ns = time.time_ns() - _CLOCK_TICK_NS
 
+    @property
+    def stage(self) -> str:
+        """The stage that was built into the folder; empty if the store does not know."""
+        return self._note.stage
+
     def require_same_stage(self) -> None:
         """Refuse a folder that holds files of another stage; UsageError."""
         other = self._note.stage or self._stage

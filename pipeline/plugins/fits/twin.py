@@ -1,5 +1,6 @@
 """A stage fitted to what a real camera sees: `pipeline calibrate`."""
 
+import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,13 +17,16 @@ from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, joined, read_observations
 from pipeline.plugins.fits.placement import placed, require_board
 from pipeline.plugins.fits.predicted_rows import Predicted, Predictor, Slopes, Views, points_of
+from pipeline.plugins.fits.real_images import Images
 from pipeline.plugins.fits.solver import Asked, Solution, solve, unnoticed
 from pipeline.records.plain import Json
 
+MADE_BY = "pipeline calibrate"
+"""Word of a document by which its files are known."""
 MISTAKES = ("shift_x_px", "shift_y_px", "board", "centres_x_px", "centres_y_px")
 """Shift of all positions of points, size of the boards over what the stage states, less 1, and shift of all centres."""
 _ROWS, _COLUMNS = ("top", "middle", "bottom"), ("left", "centre", "right")
-"""Regions of an image."""
+"""Regions of an image: thirds of its height and width."""
 _DOUBT = 5.0
 """Deviations above which a group of rows, a row, or the estimate of a mistake is doubted [1]: of a million without
 fault one is that far off."""
@@ -80,6 +84,11 @@ class Group:
         return beyond > _DOUBT * np.sqrt(2 * self.expected) and self.chi2 > _MORE_THAN_NOISE * self.expected
 
 
+def region_of(x_px: np.ndarray, size_px: np.ndarray) -> np.ndarray:
+    """Column and row, (n, 2), of the thirds of images in which positions lie."""
+    return np.clip(((x_px + 0.5) / size_px * 3).astype(int), 0, 2)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Twin:
     """A stage fitted to observations."""
@@ -117,8 +126,7 @@ class Twin:
     def groups(self) -> dict[str, list[Group]]:
         """Chi squared by camera, frame and region of the image."""
         seen = self.observations
-        share = (seen.x_px + 0.5) / np.array([self.sizes_px[name] for name in seen.camera.tolist()])
-        column, row = np.clip((share * 3).astype(int), 0, 2).T
+        column, row = region_of(seen.x_px, np.array([self.sizes_px[name] for name in seen.camera.tolist()])).T
         frame = np.where(seen.is_centre, "white", seen.frame.astype(str))
         regions = [(r, c, f"{down} {across}") for r, down in enumerate(_ROWS) for c, across in enumerate(_COLUMNS)]
         return {
@@ -192,8 +200,11 @@ class Twin:
             said.append("these rows do not tell the size of the board: it would go into its distance unseen")
         return said
 
-    def write(self, out: Path) -> tuple[Path, Path]:
-        """Write the layer, and beside it the covariance and all that the page says; returns both."""
+    def write(self, out: Path, images: Images | None = None) -> tuple[Path, Path]:
+        """Write the layer, and beside it the covariance and all that the page says; returns both.
+
+        `images`: those of the real camera, as `found_images` has them for this layer.
+        """
         beside = out.with_suffix(".json")
         require_free(out)
         poses = dict[str, dict[int, np.ndarray]]()
@@ -202,9 +213,12 @@ class Twin:
             for (frame, target), pose in zip(self.views.keys, self.solution.poses, strict=True):
                 poses.setdefault(prims[target], {})[frame] = pose
         about = "Numbers and poses fitted to observed positions by pipeline calibrate."
-        write_new(json_bytes(document(self)).decode(), beside)
+        layer = self.stage.layer(out, self.solution.by, poses, about)
+        digest = hashlib.sha256(layer.encode()).hexdigest()
+        more = {"layer_sha256": digest, "images": images or {}}
+        write_new(json_bytes(document(self) | more).decode(), beside)
         try:
-            write_new(self.stage.layer(out, self.solution.by, poses, about), out)
+            write_new(layer, out)
             sound(out, self.stage.roots)
         except BaseException:
             for file in (out, beside):
@@ -269,11 +283,11 @@ def calibrate(
 
 def document(twin: Twin) -> Json:
     """All that is known of a fit as plain data; what is not known is null."""
-    solution = twin.solution
-    rows = []
+    solution, seen = twin.solution, twin.observations
+    numbers = []
     for i, number in enumerate(twin.stage.numbers):
         finite = {"deviation": solution.deviation[i], "prior": number.deviation, "reach": number.reach}
-        rows.append(
+        numbers.append(
             {
                 "name": number.name,
                 "unit": number.unit,
@@ -288,17 +302,19 @@ def document(twin: Twin) -> Json:
     estimate, deviation = twin.mistakes
     mistakes = zip(MISTAKES, estimate.tolist(), deviation.tolist(), strict=True)
     return {
+        "made_by": MADE_BY,
         "stage": twin.stage.path.name,
-        "position": twin.observations.kinds,
-        "rows": len(twin.observations),
-        "missing": twin.missing.tolist(),
+        "position": seen.kinds,
+        "views": len(twin.views.keys),
+        "sizes_px": {name: list(size) for name, size in twin.sizes_px.items()},
         "converged": solution.converged,
         "ending": solution.ending,
         "steps": solution.steps,
-        "numbers": rows,
+        "numbers": numbers,
         "fixed": list(twin.stage.fixed),
         "covariance": solution.covariance.tolist(),
         "open": [dict(zip(names, each, strict=True)) for each in solution.open_directions.tolist()],
+        "open_are_held": not len(solution.unmoved),
         "chi2": {
             kind: [
                 {"name": each.name, "rows": each.rows, "chi2": each.chi2, "expected": each.expected} for each in groups
@@ -310,5 +326,16 @@ def document(twin: Twin) -> Json:
         },
         "doubts": list(twin.doubts),
         "untold": list(twin.untold),
-        "residual_px": [[v if np.isfinite(v) else None for v in row] for row in solution.residual_px.tolist()],
+        "rows": {
+            "camera": seen.camera.tolist(),
+            "frame": [None if centre else n for n, centre in zip(seen.frame.tolist(), seen.is_centre, strict=True)],
+            "target": seen.target.tolist(),
+            "point_id": seen.point_id.tolist(),
+            "microlens": None if seen.microlens is None else seen.microlens.tolist(),
+            "x_px": seen.x_px.tolist(),
+            "sigma_px": seen.sigma_px.tolist(),
+            "residual_px": [[v if np.isfinite(v) else None for v in row] for row in solution.residual_px.tolist()],
+            "chi2": twin.chi2.tolist(),
+            "expected": np.where(solution.weight > 0, solution.expected, 0.0).tolist(),
+        },
     }

@@ -1,77 +1,148 @@
-"""A fit to a real camera as lines for a terminal, and as maps of its residuals."""
+"""A fit to a real camera as lines for a terminal and the report, and as maps of its residuals.
+
+Both are made of its document, the content of fitted.json.
+"""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from pipeline.plugins.fits.twin import Twin
+from pipeline.plugins.fits.twin import Group, region_of
+from pipeline.records.plain import Json
 from pipeline.results.notebook import figure, svg_of
 
 _LEAST_PART = 0.05
 """Part of a direction below which a number is not named [1]."""
 _WIDTH_IN, _WORDS_IN = 9.0, 0.9
 """Width of the map of a camera, and height of its words [inch]."""
+_ACROSS = 4
+"""Maps of frames side by side."""
 _LONGEST = 0.06
 """Length of a residual of five sigma over the width of the image [1]: lines of noise hardly touch."""
+_RED, _DARK = "#c0392b", "#333333"
 
 
-def page(twin: Twin) -> Iterator[str]:
-    """Lines for a terminal."""
-    seen, solution = twin.observations, twin.solution
-    cameras, views = len(np.unique(seen.camera)), len(twin.views.keys)
-    yield f"{len(seen)} positions ({seen.kinds}) of {cameras} camera{'s' * (cameras > 1)} in {views} views"
-    state = "converged" if solution.converged else "NOT CONVERGED"
-    yield f"{state} after {solution.steps} steps: {solution.ending}"
-    everything = twin.group("all", np.ones(len(seen), bool))
-    yield f"chi squared {everything.chi2:.6g}, expected {everything.expected:.6g}"
+def page(fit: Json) -> Iterator[str]:
+    """Lines about the document of a fit."""
+    rows = fit["rows"]
+    cameras = len(set(rows["camera"]))
+    seen_by = f"{cameras} camera{'s' * (cameras > 1)} in {fit['views']} views"
+    yield f"{len(rows['camera'])} positions ({fit['position']}) of {seen_by}"
+    state = "converged" if fit["converged"] else "NOT CONVERGED"
+    yield f"{state} after {fit['steps']} steps: {fit['ending']}"
+    yield f"chi squared {sum(rows['chi2']):.6g}, expected {sum(rows['expected']):.6g}"
     yield ""
     yield f"{'number':44} {'before':>13} {'after':>13} {'deviation':>10} {'prior':>10} {'told':>6}"
-    for number, by, deviation, told, bound in zip(
-        twin.stage.numbers, solution.by, solution.deviation, solution.told, solution.at_bound, strict=True
-    ):
-        prior = f"{number.deviation:10.3g}" if np.isfinite(number.deviation) else f"{'none':>10}"
-        if number.prior is not None and number.prior.distribution == "uniform":
-            prior = f"{'±' + format(number.reach, '.3g'):>10}"
-        shown = f"{deviation:10.3g}" if np.isfinite(deviation) else f"{'open':>10}"
-        end = "  at its bound" if bound else ""
-        name = number.name if len(number.name) <= 44 else f"…{number.name[-43:]}"
-        yield f"{name:44} {number.before:13.8g} {number.before + by:13.8g} {shown} {prior} {told:6.1%}{end}"
-    for name in twin.stage.fixed:
+    for number in fit["numbers"]:
+        shown = "open" if number["deviation"] is None else f"{number['deviation']:.3g}"
+        prior = "none" if number["prior"] is None else f"{number['prior']:.3g}"
+        if number["prior"] is None and number["reach"] is not None:
+            prior = f"±{number['reach']:.3g}"
+        end = "  at its bound" if number["at_bound"] else ""
+        name = number["name"] if len(number["name"]) <= 44 else f"…{number['name'][-43:]}"
+        values = f"{number['before']:13.8g} {number['after']:13.8g}"
+        yield f"{name:44} {values} {shown:>10} {prior:>10} {number['told']:6.1%}{end}"
+    for name in fit["fixed"]:
         yield f"{name}: fixed, its tolerance has no width"
-    for direction in solution.open_directions:
-        parts = [
-            f"{number.name} {part:+.3g}"
-            for number, part in zip(twin.stage.numbers, direction, strict=True)
-            if abs(part) > _LEAST_PART
-        ]
-        held = "not moved" if len(solution.unmoved) else "held by tolerances"
+    for direction in fit["open"]:
+        parts = [f"{name} {part:+.3g}" for name, part in direction.items() if abs(part) > _LEAST_PART]
+        held = "held by tolerances" if fit["open_are_held"] else "not moved"
         yield f"open: the rows do not tell {', '.join(parts)}, together; {held}"
     yield ""
     yield "chi squared over what noise leaves"
-    for kind, groups in twin.groups.items():
-        parts = [f"{each.name}: {each.chi2 / each.expected:.3f}" for each in groups if each.expected > 0]
+    for kind, groups in fit["chi2"].items():
+        parts = [f"{each['name']}: {each['chi2'] / each['expected']:.3f}" for each in groups if each["expected"] > 0]
         yield f"  by {kind:7} {'; '.join(parts)}"
-    yield from (f"  note: {each}" for each in twin.untold)
-    yield from (f"  DOUBT: {each}" for each in twin.doubts)
+    yield from (f"  note: {each}" for each in fit["untold"])
+    yield from (f"  DOUBT: {each}" for each in fit["doubts"])
 
 
-def residual_maps(twin: Twin) -> str:
-    """The residual of each position, predicted minus observed, over the image of each camera, as SVG."""
-    sizes, seen = twin.sizes_px, twin.observations
-    names = np.unique(seen.camera).tolist()
-    heights = [_WIDTH_IN * sizes[name][1] / sizes[name][0] + _WORDS_IN for name in names]
+def residual_maps(fit: Json, only: str | None = None) -> str:
+    """The residual of each position, predicted minus observed, over the image of each camera, as SVG: of all frames,
+    with chi squared of each region over what noise leaves, and of each frame. `only`: the camera that is drawn.
+    """
+    names = [only] if only else sorted(set(fit["rows"]["camera"]))
+    maps = [_Residuals(fit, name) for name in names]
+    heights = [sum(each.heights_in) for each in maps]
     shown = figure(_WIDTH_IN, sum(heights))
-    panels = shown.subplots(len(names), 1, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
-    for name, axes in zip(names, panels, strict=True):
-        rows = (seen.camera == name) & np.isfinite(twin.solution.residual_px[:, 0])
-        wide, high = sizes[name]
-        times = _LONGEST * wide / (5 * float(np.median(seen.sigma_px[rows])))
-        starts = seen.x_px[rows]
-        ends = starts + times * twin.solution.residual_px[rows]
-        x, y = np.stack([starts, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2).T
-        axes.plot(x, y, color="#c0392b", linewidth=0.8)
-        axes.plot(*starts.T, ".", color="#333333", markersize=2)
-        axes.set(xlim=(-0.5, wide - 0.5), ylim=(high - 0.5, -0.5), aspect="equal", xlabel="x [px]", ylabel="y [px]")
-        rms_px = float(np.sqrt(np.mean(twin.solution.residual_px[rows] ** 2)))
-        axes.set_title(f"{name}: predicted minus observed, {times:.3g} times; {rms_px:.3g} px rms", fontsize="medium")
+    parts = shown.subfigures(len(maps), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for each, part in zip(maps, parts, strict=True):
+        each.draw(part)
     return svg_of(shown)
+
+
+class _Residuals:
+    """The residuals of a camera, and their maps."""
+
+    def __init__(self, fit: Json, name: str) -> None:
+        rows = {key: np.array(fit["rows"][key]) for key in ("camera", "x_px", "sigma_px", "chi2", "expected")}
+        off_px = np.array(fit["rows"]["residual_px"], float)
+        frame = np.array(["white image" if n is None else f"frame {n}" for n in fit["rows"]["frame"]])
+        of_camera = rows["camera"] == name
+        kept = of_camera & np.isfinite(off_px[:, 0])
+        self._x_px, self._off_px, self._frame = rows["x_px"][kept], off_px[kept], frame[kept]
+        self._chi2, self._expected = rows["chi2"][kept], rows["expected"][kept]
+        self._name, self._size_px = name, np.array(fit["sizes_px"][name])
+        self._times = _LONGEST * self._size_px[0] / (5 * float(np.median(rows["sigma_px"][of_camera])))
+        self._frames = list(dict.fromkeys(self._frame.tolist()))
+
+    @property
+    def heights_in(self) -> list[float]:
+        """Heights of the map of all frames, and of each line of those of the frames [inch]."""
+        shape, lines = self._size_px[1] / self._size_px[0], -(-len(self._frames) // _ACROSS)
+        return [_WIDTH_IN * shape + _WORDS_IN, *[_WIDTH_IN / _ACROSS * shape + _WORDS_IN / 2] * lines]
+
+    def draw(self, figure: Any) -> None:
+        """Draw them: the map of all frames, and below it those of the frames."""
+        grid = figure.add_gridspec(len(self.heights_in), _ACROSS, height_ratios=self.heights_in)
+        everything = np.ones(len(self._frame), bool)
+        axes = figure.add_subplot(grid[0, :])
+        self._map(axes, everything)
+        rms_px = float(np.sqrt(np.mean(self._off_px**2))) if len(self._off_px) else np.nan
+        title = f"{self._name}: predicted minus observed, {self._times:.3g} times; {rms_px:.3g} px rms"
+        axes.set_title(f"{title}; χ² over what noise leaves", fontsize="medium")
+        axes.set(xlabel="x [px]", ylabel="y [px]")
+        self._regions(axes)
+        for i, frame in enumerate(self._frames):
+            axes = figure.add_subplot(grid[1 + i // _ACROSS, i % _ACROSS])
+            rows = self._frame == frame
+            self._map(axes, rows)
+            group = self._group(rows)
+            axes.set_title(f"{frame}: {_times_expected(group)}", fontsize="small", color=_colour(group))
+            axes.set(xticks=[], yticks=[])
+
+    def _map(self, axes: Any, rows: np.ndarray) -> None:
+        starts = self._x_px[rows]
+        ends = starts + self._times * self._off_px[rows]
+        x, y = np.stack([starts, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2).T
+        axes.plot(x, y, color=_RED, linewidth=0.8)
+        axes.plot(*starts.T, ".", color=_DARK, markersize=2)
+        wide, high = self._size_px
+        axes.set(xlim=(-0.5, wide - 0.5), ylim=(high - 0.5, -0.5), aspect="equal")
+
+    def _regions(self, axes: Any) -> None:
+        """Draw the borders of regions, and in each chi squared over what noise leaves."""
+        column, row = region_of(self._x_px, self._size_px).T
+        wide, high = self._size_px / 3
+        for i in range(9):
+            r, c = divmod(i, 3)
+            group = self._group((row == r) & (column == c))
+            if group.rows:
+                at = (c * wide + 0.02 * wide, r * high + 0.02 * wide)
+                axes.text(*at, _times_expected(group), va="top", fontsize="small", color=_colour(group))
+        for axis, step in ((axes.axvline, wide), (axes.axhline, high)):
+            for line in (1, 2):
+                axis(line * step - 0.5, color="#bbbbbb", linewidth=0.6, zorder=0)
+
+    def _group(self, rows: np.ndarray) -> Group:
+        sums = {"chi2": float(self._chi2[rows].sum()), "expected": float(self._expected[rows].sum())}
+        return Group(name="", rows=int(rows.sum()), **sums)
+
+
+def _times_expected(group: Group) -> str:
+    return f"χ² {group.chi2 / group.expected:.2f}" if group.expected > 0 else "χ² –"
+
+
+def _colour(group: Group) -> str:
+    return _RED if group.is_doubted else _DARK

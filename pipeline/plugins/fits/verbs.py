@@ -138,7 +138,7 @@ def inform(
     if plot is not None:
         stages.draw(drawing(known), plot)
     if report is not None:
-        report.inform(known.camera, page(known), maps(known))
+        report.tell("Information", known.camera, page(known), maps(known))
         written = report.write(out, warn=note)
     say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
     note(*(f"wrote {file}" for file in (plot, written) if file is not None))
@@ -177,6 +177,10 @@ def calibrate(
     loss: Annotated[
         float | None, typer.Option(metavar="SIGMAS", help="Cauchy's loss: rows further off count less.", min=0.1)
     ] = None,
+    images: Annotated[
+        list[str] | None,
+        option(OUTPUT, metavar="[CAMERA=]FOLDER", help="The real images, for the report of the twin's build."),
+    ] = None,
     plot: Annotated[Path | None, option(OUTPUT, metavar="FILE.svg", help="Draw the residual of each position.")] = None,
     as_json: Json = False,
     allow_root: Roots = None,
@@ -189,6 +193,7 @@ def calibrate(
     from pipeline.files.jsonfile import json_bytes
     from pipeline.plugins.fits.free_numbers import FreeStage
     from pipeline.plugins.fits.observations import Stated
+    from pipeline.plugins.fits.real_images import found_images
     from pipeline.plugins.fits.twin import calibrate as fitted
     from pipeline.plugins.fits.twin import document
     from pipeline.plugins.fits.twin_page import page, residual_maps
@@ -199,13 +204,14 @@ def calibrate(
     if plot is not None:
         require_plots()
     numbers = FreeStage(stage, free or [], tuple(allow_root or ()))
+    pictures = found_images(images or [], numbers.nominal, out)
     stated = Stated(pixel_origin=pixel_origin, position=position, centres=centres, sigma_px=sigma, camera=camera)
     twin = fitted(numbers, observations, stated, loss_scale=loss, known_poses=poses == "known", tell=note)
-    files = [*twin.write(out)]
+    files, fit = [*twin.write(out, pictures)], document(twin)
     if plot is not None:
-        draw(residual_maps(twin), plot)
+        draw(residual_maps(fit), plot)
         files.append(plot)
-    say(json_bytes(document(twin)).decode().rstrip("\n") if as_json else "\n".join(page(twin)))
+    say(json_bytes(fit).decode().rstrip("\n") if as_json else "\n".join(page(fit)))
     note(*(f"wrote {file}" for file in files))
     if twin.doubts:
         raise typer.Exit(Exit.NOT_CONFIRMED)

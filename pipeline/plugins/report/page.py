@@ -6,25 +6,30 @@ wherever it was made. Images that an earlier report holds are not made again: th
 
 import hashlib
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pipeline.errors import UsageError
 from pipeline.files.jsonfile import Json, read_json
 from pipeline.folders import put
 from pipeline.plugins.report.optics import optics
 from pipeline.plugins.report.parts import ReportedBuild, Scripts, camera_part, target_part
-from pipeline.plugins.report.records import CameraPart, History, InformationPart, Page
+from pipeline.plugins.report.records import CameraPart, History, Page, ToldPart
 from pipeline.results.output import open_output
 from pipeline.results.records import finished_folder
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded, load
 
+if TYPE_CHECKING:
+    from pipeline.plugins.report.report import Told
+
 INDEX = "index.html"
 _STAGE = "dataset.usda"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
+_KEPT = "Information"
+"""Heading of the section that is kept from an earlier report of the same build: whoever told it is not asked again."""
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
 
@@ -74,12 +79,12 @@ def write_page(
     report: Path,
     loaded: Loaded | None,
     history: History | None,
-    informed: Mapping[str, InformationPart],
+    told: Mapping[str, Mapping[str, "Told"]],
 ) -> Path:
     """Write the report of an output folder; returns its page.
 
     Without the stage of the folder there are no optics and no 3-D view. Without a history, that of an earlier report
-    stays, as does its information about cameras other than those `informed` about, if the folder is unchanged.
+    stays, as does its information about cameras of which nothing is `told` now, if the folder is unchanged.
     Raises UsageError where there is no finished build or `report` holds something else, and DamagedFile.
     """
     folder, output = finished_folder(out), open_output(out)
@@ -91,23 +96,19 @@ def write_page(
     (report / "made_of").unlink(missing_ok=True)
     manifest = read_json(out / "manifest.json")
     scripts = Scripts(report)
-    information = {}
-    for name in output.cameras:
-        script = f"information.{name}.{state[:16]}"
-        part = informed.get(name)
-        information[name] = scripts.keep(script) if part is None else scripts.write(script, part)
     source = ReportedBuild(
         output=output,
         folder=folder,
         points=manifest["points"],
         certificate=manifest["certificate"],
         scripts=scripts,
-        information=information,
+        told=told,
     )
+    told_scripts = {name: dict(_told(source, name, state)) for name in output.cameras}
     bodies = loaded.dataset.cameras if loaded and loaded.dataset else ()
     entries = {channel.full_name: channel for entry in bodies for channel in entry.in_channels}
     cameras = [
-        camera_part(source, camera, _optics(source, entries.get(name), camera.record))
+        camera_part(source, camera, _optics(source, entries.get(name), camera.record), told_scripts[name])
         for name, camera in output.cameras.items()
     ]
     kept = scripts.keep("history") if history is None else scripts.write("history", history)
@@ -119,6 +120,16 @@ def write_page(
     scripts.remove_others()
     put(report / "made_of", state.encode())
     return report / INDEX
+
+
+def _told(source: ReportedBuild, camera: str, state: str) -> Iterator[tuple[str, str]]:
+    """Headings and scripts of what other plug-ins tell of a camera."""
+    for heading in dict.fromkeys([_KEPT, *source.told]):
+        name = f"{heading.lower()}.{camera}.{state[:16]}"
+        if told := source.told.get(heading, {}).get(camera):
+            yield heading, source.scripts.write(name, ToldPart(lines=told.lines, drawing=told.drawing))
+        elif heading == _KEPT and (kept := source.scripts.keep(name)):
+            yield heading, kept
 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:

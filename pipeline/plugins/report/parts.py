@@ -6,18 +6,18 @@ ones, named by their digests: those that a report already holds are not made aga
 
 import base64
 import dataclasses
+import hashlib
 import json
-import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.camera.figures.shapes import matrix
 from pipeline.channel_names import body_and_channel, folder_of
-from pipeline.files.png import png_size, read_png, write_png
+from pipeline.files.png import png_bytes, png_size, read_png, write_png
 from pipeline.folders import put
 from pipeline.frames import apply
 from pipeline.plugins.report.records import (
@@ -36,6 +36,9 @@ from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, Bui
 from pipeline.results.spots import drawn
 from pipeline.targets.preview import preview_faces
 from pipeline.targets.target import AnyTarget, Target
+
+if TYPE_CHECKING:
+    from pipeline.plugins.report.report import Told
 
 _FARTHEST_PX = 1e12
 """Principal distance in the 3-D view for a lens that no pinhole fits [px]: its pyramid shrinks to the axis."""
@@ -92,14 +95,14 @@ class ReportedBuild:
     points: Mapping[str, Any]
     certificate: Mapping[str, Any]
     scripts: Scripts
-    information: Mapping[str, str | None]  # scripts, by camera
+    told: Mapping[str, Mapping[str, "Told"]]  # by heading and camera
 
     @property
     def report(self) -> Path:
         return self.scripts.report
 
 
-def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) -> CameraPart:
+def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None, told: dict[str, str]) -> CameraPart:
     """A camera with its views; writes the scripts of its tables, and puts its images into the report."""
     record, (width, height) = camera.record, camera.size_px
     certificate = source.certificate.get(camera.name)
@@ -113,7 +116,7 @@ def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None) 
         certificate=certificate,
         optics=optics,
         micro_images=_micro_images(source, camera),
-        information=source.information[camera.name],
+        told=told,
         pictures=_pictures(source, f"cameras/{folder_of(camera.name)}", ("white",)),
         views=tuple(_view(source, camera, view) for view in camera.views),
         residuals=residuals(camera, certificate),
@@ -135,6 +138,10 @@ def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
     pictures = _pictures(source, folder, ("image", "raw", "labels"))
     if body != folder:
         pictures += _pictures(source, body, ("image", "raw", "labels"), "all channels: ")
+    for heading, cameras in source.told.items():
+        if told := cameras.get(camera.name):
+            shown = told.pictures(view.frame).items()
+            pictures += tuple(told_picture(pixels, kind, heading, source.report) for kind, pixels in shown)
     poses = view.poses
     return View(
         frame=view.frame,
@@ -214,16 +221,31 @@ def _plain(column: np.ndarray) -> tuple[Any, ...]:
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
     """Put an image of the build into the report, unless it is there; UsageError if it has vanished, or DamagedFile."""
     source = folder.present(file)
-    name = f"images/{folder.digests[file][:_NAME]}"
-    width, height = png_size(source)
+    name, (width, height) = f"images/{folder.digests[file][:_NAME]}", png_size(source)
     shown = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)
-    if max(width, height) <= _WHOLE_PX:
+    return _put(shown, name, report, lambda: read_png(source), source.read_bytes)
+
+
+def told_picture(pixels: np.ndarray, kind: str, heading: str, report: Path) -> Picture:
+    """Put a picture that another plug-in made into the report."""
+    data = png_bytes(pixels)
+    name, (height, width) = f"images/{hashlib.sha256(data).hexdigest()[:_NAME]}", pixels.shape[:2]
+    path = f"{name}.png"
+    shown = Picture(kind=kind, width_px=width, height_px=height, path=path, tile_px=None, levels=1, section=heading)
+    return _put(shown, name, report, lambda: pixels, lambda: data)
+
+
+def _put(
+    shown: Picture, name: str, report: Path, pixels: Callable[[], np.ndarray], data: Callable[[], bytes]
+) -> Picture:
+    """The picture as one file, or, of a large one, as tiles; either is written unless it is there."""
+    if max(shown.width_px, shown.height_px) <= _WHOLE_PX:
         if not (report / shown.path).is_file():
-            shutil.copyfile(source, report / shown.path)
+            put(report / shown.path, data())
         return shown
-    levels = levels_of(width, height)
+    levels = levels_of(shown.width_px, shown.height_px)
     if not (report / name / "0").is_dir():  # the smallest level is written last
-        _write_tiles(report / name, read_png(source), levels)
+        _write_tiles(report / name, pixels(), levels)
     return dataclasses.replace(shown, path=name, tile_px=_TILE_PX, levels=levels)
 
 

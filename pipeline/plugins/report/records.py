@@ -20,6 +20,7 @@ class Picture:
     `kind`: `image`, `raw` or `white`, with the name of a channel where there are some.
     `path`: one PNG below the report, or a folder of tiles `LEVEL/X_Y.png`, level 0 being the smallest.
     `tile_px`: edge of the tiles; None: one file.
+    `section`: heading of the section that shows it beside others; empty of images of the build.
     """
 
     kind: str
@@ -28,6 +29,7 @@ class Picture:
     path: str
     tile_px: int | None
     levels: int
+    section: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,8 +134,8 @@ class Optics:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class InformationPart:
-    """The output of `pipeline inform` about a camera: words, and maps as SVG, empty where all is undetermined."""
+class ToldPart:
+    """A section of the page that another plug-in tells of a camera: lines, and an SVG, empty where there is none."""
 
     lines: tuple[str, ...]
     drawing: str
@@ -141,7 +143,9 @@ class InformationPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CameraPart:
-    """A camera, or one of its channels; `optics`, `information` and so on are scripts, None where there are none."""
+    """A camera, or one of its channels; `optics` and so on are scripts, None where there are none, and those of
+    `ToldPart`s by the heading of their section.
+    """
 
     name: str
     kind: str
@@ -152,7 +156,7 @@ class CameraPart:
     certificate: Json | None
     optics: str | None
     micro_images: str | None
-    information: str | None
+    told: dict[str, str]
     pictures: tuple[Picture, ...]
     views: tuple[View, ...]
     residuals: Residuals

@@ -1,15 +1,34 @@
 """The report of a build: notes taken while its tasks run, and the page written from them and the folder."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pipeline.engine.events import Begun, Done, Event, Started
 from pipeline.engine.output import manifest
+from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.store.store import Store
+from pipeline.entry_points import offered, plugged_in
 from pipeline.errors import PipelineError
 from pipeline.jit.files import say
-from pipeline.plugins.report.records import History, InformationPart, TaskRun
+from pipeline.plugins.report.records import History, TaskRun
+from pipeline.results.output import open_output
+
+if TYPE_CHECKING:
+    import numpy as np
+
+Pictures = Callable[[int], "Mapping[str, np.ndarray]"]
+"""Pictures of a frame by name, (h, w) or (h, w, 3) uint8; none of a frame that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What another plug-in tells of a camera: see `Report.tell`."""
+
+    lines: tuple[str, ...]
+    drawing: str
+    pictures: Pictures
 
 
 class Report:
@@ -17,12 +36,12 @@ class Report:
 
     `runs`: runs by task name, in the order in which they ended; times are from the first event.
     `seconds`: time of the last event.
-    `informed`: latest output of `pipeline inform`, by camera.
+    `told`: what other plug-ins tell, by heading and camera.
     """
 
     def __init__(self) -> None:
         self.runs: dict[str, TaskRun] = {}
-        self.informed: dict[str, InformationPart] = {}
+        self.told: dict[str, dict[str, Told]] = {}
         self.seconds, self.workers = 0.0, 1
         self._begun: float | None = None
         self._started: dict[str, float] = {}
@@ -53,9 +72,16 @@ class Report:
             end_s=self.seconds if ran else None,
         )
 
-    def inform(self, camera: str, lines: list[str], drawing: str) -> None:
-        """Add the output of `pipeline inform` about a camera: its lines, and its maps as SVG."""
-        self.informed[camera] = InformationPart(lines=tuple(lines), drawing=drawing)
+    def tell(
+        self,
+        heading: str,
+        camera: str,
+        lines: Iterable[str],
+        drawing: str = "",
+        pictures: Pictures = lambda frame: {},
+    ) -> None:
+        """Add a section about a camera: lines, a drawing as SVG, and pictures that are shown side by side."""
+        self.told.setdefault(heading, {})[camera] = Told(tuple(lines), drawing, pictures)
 
     @property
     def has_run(self) -> bool:
@@ -72,8 +98,18 @@ class Report:
 
         destination = folder or place_of(out)
         loaded = stage_of(out, warn)
+        self._ask_others(out, warn)
         is_told = not self.has_run and (destination / "data/history.js").is_file()
-        return write_page(out, destination, loaded, None if is_told else self._history(out), self.informed)
+        return write_page(out, destination, loaded, None if is_told else self._history(out), self.told)
+
+    def _ask_others(self, out: Path, warn: Callable[[str], None]) -> None:
+        """Let plug-ins tell about a build; their failure fails no report."""
+        stage = Path(OurFiles(out, Store()).stage)
+        for name in offered("section") if stage.is_file() else ():
+            try:
+                plugged_in("section", name)(self, stage, open_output(out))
+            except PipelineError as error:
+                warn(f"the report has no {name}: {error.message}")
 
     def write_after_build(self, out: Path, *, warn: Callable[[str], None]) -> Path | None:
         """Write the report of a build that has just ended, unless it exists; its failure fails no build."""

@@ -44,8 +44,9 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
     Names of files that nothing reads, such as tables of other renderers, are left out: the files do not travel with a
     build, and flattening would write their paths on this machine. Parts of cameras, which a build makes for viewers,
-    are left out, too. Instances must have been written out (`write_out_instances`): flattening would leave their
-    prototypes beside the root.
+    are left out, too, and operations of poses that a stronger order leaves out: in one layer they would be a mistake.
+    Instances must have been written out (`write_out_instances`): flattening would leave their prototypes beside the
+    root.
     """
     layer = stage.Flatten(addSourceFileComment=False)  # warns of metadata that it does not know, and leaves them out
     files = (Sdf.ValueTypeNames.Asset, Sdf.ValueTypeNames.AssetArray)
@@ -57,6 +58,11 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
         for attribute in list(spec.attributes):
             if attribute.typeName in files and attribute.path not in pictures:
                 spec.RemoveProperty(attribute)
+        if order := UsdGeom.Xformable(prim).GetXformOpOrderAttr().Get():
+            named = {token.removeprefix("!invert!") for token in order}
+            for attribute in list(spec.attributes):
+                if attribute.name.startswith("xformOp:") and attribute.name not in named:
+                    spec.RemoveProperty(attribute)
         if prim.IsA(UsdGeom.Camera):
             _leave_out_parts(spec)
     return layer

@@ -32,7 +32,7 @@ from pipeline.plugins.fits.observations import Observations, Stated, read_observ
 from pipeline.plugins.fits.placement import placed
 from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points_of
 from pipeline.plugins.fits.twin import calibrate
-from pipeline.scene.load import open_dataset
+from pipeline.scene.load import load, open_dataset
 
 RADIUS = "Rig/Lens/S3.plen:radius"
 TOLERANCES = """def PlenTolerance "Made"
@@ -70,6 +70,8 @@ def test_a_planted_camera_comes_back_and_its_stage_makes_the_same_rows(tmp_path,
     assert twin.solution.converged and twin.doubts == []
     np.testing.assert_allclose(twin.solution.by, [0.02, 0.01, -0.02], rtol=0, atol=1e-6)
     layer, beside = twin.write(tmp_path / "fitted.usda")
+    (tmp_path / "flat.usda").write_text(load(layer, [narrow.path.parent]).flattened)
+    assert load(tmp_path / "flat.usda").problems == []  # what a build of it delivers is a dataset again
     again = FreeStage(layer, [], [narrow.path.parent])
     same = fitted(again, exact, tmp_path, known_poses=True)
     assert np.abs(same.solution.residual_px).max() < 1e-7

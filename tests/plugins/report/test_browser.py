@@ -27,7 +27,7 @@ def page(tmp_path_factory, common_store) -> tuple[Path, Path]:
     out = tiny("plenoptic", tmp_path_factory.mktemp("built"), common_store)
     maps = svg.document((300, 200), svg.element("rect", x=10, y=10, width=280, height=180, fill="#08306b"))
     report = Report()
-    report.inform("Rig.Camera", ["fx  645.2", "fy  645.3"], maps)
+    report.tell("Information", "Rig.Camera", ["fx  645.2", "fy  645.3"], maps)
     return out, report.write(out)
 
 

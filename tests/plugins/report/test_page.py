@@ -99,12 +99,12 @@ def test_what_inform_said_stays_in_the_report_as_long_as_the_build_is_the_same(b
     out, place = tmp_path / "out", tmp_path / "out.report"
 
     def shown() -> str | None:
-        return data(place, "page")["cameras"][0]["information"]
+        return data(place, "page")["cameras"][0]["told"].get("Information")
 
     Report().write(out)
     assert shown() is None
     informed = Report()
-    informed.inform("Rig.Camera", ["rank 9"], "<svg/>")
+    informed.tell("Information", "Rig.Camera", ["rank 9"], "<svg/>")
     informed.write(out)
     Report().write(out)
     assert data(place, shown().removeprefix("data/").removesuffix(".js")) == {"lines": ["rank 9"], "drawing": "<svg/>"}

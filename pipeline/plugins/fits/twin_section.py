@@ -1,0 +1,50 @@
+"""A fit to a real camera in the report of its twin's build."""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.channel_names import body_and_channel
+from pipeline.engine.files import digest_of
+from pipeline.errors import UsageError
+from pipeline.files.damaged import DamagedFile
+from pipeline.files.jsonfile import read_json
+from pipeline.plugins.fits.real_images import SideBySide
+from pipeline.plugins.fits.twin import MADE_BY
+from pipeline.plugins.fits.twin_page import page, residual_maps
+from pipeline.results.output import Output
+from pipeline.scene.usd.roots import OUTSIDE_HINT, allowed_roots, is_inside
+
+
+def tell(report: Any, stage: Path, output: Output) -> None:
+    """Tell a report what `pipeline calibrate` found, if the stage is a layer that it wrote.
+
+    Raises UsageError or DamagedFile: a file beside the layer, or an image, cannot be read.
+    """
+    beside = stage.with_suffix(".json")
+    fit = read_json(beside) if beside.is_file() else None
+    if not isinstance(fit, dict) or fit.get("made_by") != MADE_BY:
+        return
+    try:
+        lines = [*page(fit)]
+        if fit["layer_sha256"] != digest_of(stage):
+            lines.insert(0, f"{stage.name} was edited after the fit: what follows is of the layer that was fitted")
+        for camera in sorted(output.cameras.keys() & {*fit["rows"]["camera"]}):
+            _tell_camera(report, stage, output, camera, fit, lines)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DamagedFile(beside, f"no fit of {MADE_BY} ({error!r})") from error
+
+
+def _tell_camera(report: Any, stage: Path, output: Output, camera: str, fit: Any, lines: list[str]) -> None:
+    names = fit["images"].get(body_and_channel(camera)[0], {})
+    files = {int(frame): stage.parent / name for frame, name in names.items()}
+    for file in files.values():
+        if not is_inside(file, allowed_roots(stage)):
+            raise UsageError(f"the report may not read {file}", hint=OUTSIDE_HINT)
+    pairs, more = SideBySide.of(output, camera, files), []
+    if pairs.files:
+        more = ["", *pairs.lines]
+    try:
+        drawing = residual_maps(fit, camera)
+    except UsageError as error:  # matplotlib is not installed
+        drawing, more = "", [*more, "", f"no maps: {error.message}"]
+    report.tell("Twin", camera, [*lines, *more], drawing, pairs.pictures)
