@@ -144,6 +144,16 @@ def inform(
     note(*(f"wrote {file}" for file in (plot, written) if file is not None))
 
 
+PixelOrigin = Annotated[str | None, typer.Option(metavar="0|0.5|1", help="Number of the centre of the top-left pixel.")]
+Position = Annotated[
+    str | None, typer.Option(metavar="exact|saddle|centroid|chief", help="Image position that the detector looks for.")
+]
+Centres = Annotated[
+    str | None,
+    typer.Option(metavar="centroid|chief|none", help="Position that a file means by centres of micro-images."),
+]
+
+
 @verbs.command("calibrate", cls=Verb, rich_help_panel=USE)
 def calibrate(
     stage: Stage,
@@ -156,20 +166,12 @@ def calibrate(
         list[str] | None,
         typer.Option(metavar="PATH", help="A number that is free, or a prim: all with tolerances there; repeatable."),
     ] = None,
-    centres: Annotated[
-        str | None,
-        typer.Option(metavar="centroid|chief|none", help="Position that a file means by centres of micro-images."),
-    ] = None,
+    centres: Centres = None,
     sigma: Annotated[
         float | None, typer.Option(metavar="PX", help="Error of positions, one sigma, if the file has none.", min=1e-9)
     ] = None,
-    pixel_origin: Annotated[
-        str | None, typer.Option(metavar="0|0.5|1", help="Number of the centre of the top-left pixel.")
-    ] = None,
-    position: Annotated[
-        str | None,
-        typer.Option(metavar="exact|saddle|centroid|chief", help="Image position that the detector looks for."),
-    ] = None,
+    pixel_origin: PixelOrigin = None,
+    position: Position = None,
     camera: Annotated[str | None, typer.Option(metavar="NAME", help="Camera of a file that names none.")] = None,
     poses: Annotated[
         Literal["free", "known"], typer.Option(metavar="free|known", help="Poses of boards: fitted, or the stage's.")
