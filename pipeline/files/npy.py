@@ -1,7 +1,6 @@
 """NumPy's own files, for arrays between tasks."""
 
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 from tokenize import TokenError
@@ -63,12 +62,8 @@ class StackedRows:
         for path, above, below in zip(self._paths, self._edges, self._edges[1:], strict=False):
             low, high = max(first, above), min(end, below)
             if low < high:
-                with path.open("rb") as stream:
-                    (_, *rest), dtype = _header(stream, path)
-                    stream.seek((low - above) * math.prod(rest) * dtype.itemsize, os.SEEK_CUR)
-                    values = np.fromfile(stream, dtype, (high - low) * math.prod(rest))
-                pieces.append(values.reshape(high - low, *rest))
-        return pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
+                pieces.append(np.asarray(np.load(path, mmap_mode="r"))[low - above : high - above])
+        return np.concatenate(pieces)
 
 
 def _header(stream: BinaryIO, path: Path) -> tuple[tuple[int, ...], np.dtype]:

@@ -176,12 +176,11 @@ class Negative:
 
 def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json, negative: Negative) -> None:
     """Write a negative as `write_tiff` does; ValueError if a filter array names a colour that DNG lacks."""
-    maker = _MAKER
     model = negative.model.encode("ascii", "backslashreplace").decode()
     tags = [
-        _tag("Make", DATATYPE.ASCII, maker),
+        _tag("Make", DATATYPE.ASCII, _MAKER),
         _tag("Model", DATATYPE.ASCII, model),
-        _tag("UniqueCameraModel", DATATYPE.ASCII, f"{maker} {model}"),
+        _tag("UniqueCameraModel", DATATYPE.ASCII, f"{_MAKER} {model}"),
         _tag("DNGVersion", DATATYPE.BYTE, bytes(_VERSION)),
         _tag("DNGBackwardVersion", DATATYPE.BYTE, bytes(_READABLE_SINCE)),
         _tag("BlackLevelRepeatDim", DATATYPE.SHORT, (1, 1)),
