@@ -23,19 +23,19 @@ _WORTH_IT = 0.9
 """Residual that a further model may leave, over that of the one before [1]: it is worth a gain of a tenth."""
 
 
-def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
+def central_model(camera: ExportCamera, alternatives: Iterable[str]) -> CentralModel:
     """The central model of a conventional camera, in our conventions.
 
-    `others`: names of models of `pipeline fit` that may stand for it, the simplest first.
+    `alternatives`: names of models of `pipeline fit` that may stand for it, the simplest first.
     Raises ExportError: none fits.
     """
     models = [] if camera.pinhole is None else [_of_pinhole(camera)]
     if models and camera.built.record["lens"].get("is_ideal"):  # what is left is of its aperture, and no distortion
         return models[0]
     if models and body_and_channel(camera.name)[1]:  # the pinhole is that of another wavelength
-        models, others = [], ("brown", *others)
+        models, alternatives = [], ("brown", *alternatives)
     field = None
-    for name in others:
+    for name in alternatives:
         if models and models[0].name == "brown" and models[0].rms_px <= _ENOUGH_PX:
             break
         field = field or field_of(camera)
@@ -45,7 +45,7 @@ def central_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
             if is_better and not is_absurd(further.max_px, camera.size_px):
                 models.append(further)
     if not models:
-        raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(others)}")
+        raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(alternatives)}")
     return models[-1]
 
 
@@ -81,8 +81,8 @@ def field_of(camera: ExportCamera) -> FieldRays:
     """The rays of a camera over its image; ExportError: its lens is telecentric."""
     record = camera.built.record
     if not math.isfinite(float(record["principal_distance_px"])):
-        what = f"the lens of {camera.name} is telecentric, and a central model has one centre of projection"
-        raise ExportError(what, hint="export rays, which hold any camera")
+        message = f"the lens of {camera.name} is telecentric, and a central model has one centre of projection"
+        raise ExportError(message, hint="export rays, which hold any camera")
     near_mm, far_mm = map(float, record["near_far_mm"])
     pupil_mm = record["lens"]["entrance_pupil"]["z_mm"]
     start = np.array([record["principal_distance_px"], *record["optical_axis_px"], pupil_mm])

@@ -55,8 +55,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)
-    others = ("cameras", "least_cameras", "targets", "reads", "files", "models", "has_windshield")
-    conventions = {name: str(value) for name, value in asdict(record).items() if name not in others}
+    not_conventions = ("cameras", "least_cameras", "targets", "reads", "files", "models", "has_windshield")
+    conventions = {name: str(value) for name, value in asdict(record).items() if name not in not_conventions}
     write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
     plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
     stated = record.paths(plenoptic, material.frames, len(material.targets))
@@ -215,8 +215,8 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
         return None
     views = material.of(camera) if convention.microlenses is Microlenses.MICRO_IMAGE_GRID else ()
     seeing = [view.observations.microlenses for view in views if view.observations.microlenses is not None]
-    seen = np.concatenate([np.zeros((0, 2), np.int64), *seeing])
-    return micro_image_grid(camera.micro_images, camera.size_px, seen)
+    microlenses = np.concatenate([np.zeros((0, 2), np.int64), *seeing])
+    return micro_image_grid(camera.micro_images, camera.size_px, microlenses)
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
@@ -244,10 +244,10 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
 
 def _from_other(material: Material, number: int, convention: Convention) -> StatedPose | None:
     """The pose of a camera from the first one, or from that before it, where a format states that."""
-    others = {Pose.CAMERA_FROM_FIRST: 0, Pose.CAMERA_FROM_PREVIOUS: max(number - 1, 0)}
-    if convention.pose not in others:
+    origins = {Pose.CAMERA_FROM_FIRST: 0, Pose.CAMERA_FROM_PREVIOUS: max(number - 1, 0)}
+    if convention.pose not in origins:
         return None
-    other = material.cameras[others[convention.pose]]
+    other = material.cameras[origins[convention.pose]]
     turn, pose = _CAMERA_AXES[convention.camera_axes], material.between(other, material.cameras[number])
     return stated(_scaled(turn @ pose @ turn.T, convention.scale), convention.rotation)
 
@@ -286,9 +286,14 @@ def _view(
         return replace(view, camera_from_target=pose)
     poses = view.built.poses
     from_stop = camera_from_target @ inverse(poses.camera_from_target[view.target])
-    at_lines = [from_stop @ line @ inverse(frame) for line in poses.camera_from_target_at_lines.get(view.target, ())]
-    first, *others = (_directed(each, convention) for each in (pose, *(_scaled(line, scale) for line in at_lines)))
-    return replace(view, camera_from_target=pose, pose=first, at_lines=tuple(others))
+    lines = poses.camera_from_target_at_lines.get(view.target, ())
+    at_lines = (_scaled(from_stop @ line @ inverse(frame), scale) for line in lines)
+    return replace(
+        view,
+        camera_from_target=pose,
+        pose=_directed(pose, convention),
+        at_lines=tuple(_directed(line, convention) for line in at_lines),
+    )
 
 
 def _directed(camera_from_target: np.ndarray, convention: Convention) -> StatedPose:

@@ -62,15 +62,14 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     """
     asked = _asked(formats, folder, request or Request())
     materials = _materials(output, {wish for _, wish in asked.values()})
-    for place, (name, wish) in asked.items():
+    for destination, (name, wish) in asked.items():
         _require_kind(name, format_of(name), materials[wish])
-        if place.exists() and not (wish.replace and (place / SIDE_CAR).exists()):
-            what = f"{place} exists{', and is no export' if wish.replace else ''}"
-            raise ExportError(
-                what, hint="remove it, replace an export with --replace, or choose another folder with -o"
-            )
-    for place, (name, wish) in asked.items():
-        _write(name, materials[wish], place, wish)
+        if destination.exists() and not (wish.replace and (destination / SIDE_CAR).exists()):
+            message = f"{destination} exists{', and is no export' if wish.replace else ''}"
+            hint = "remove it, replace an export with --replace, or choose another folder with -o"
+            raise ExportError(message, hint=hint)
+    for destination, (name, wish) in asked.items():
+        _write(name, materials[wish], destination, wish)
     return list(asked)
 
 
@@ -100,16 +99,16 @@ def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tup
     return asked
 
 
-def _write(name: str, material: Material, place: Path, request: Request) -> None:
-    """Write a format aside, then put it into its place."""
-    place.parent.mkdir(parents=True, exist_ok=True)
-    aside = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=place.parent))
+def _write(name: str, material: Material, destination: Path, request: Request) -> None:
+    """Write a format aside, then move it to its destination."""
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    aside = Path(tempfile.mkdtemp(prefix=f".{name}-", dir=destination.parent))
     try:
         aside.chmod(0o755)
         write_format(name, material, aside, request.position, request.noise)
-        if place.exists():  # it is to be replaced
-            shutil.rmtree(place)
-        aside.rename(place)
+        if destination.exists():  # it is to be replaced
+            shutil.rmtree(destination)
+        aside.rename(destination)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -118,10 +117,12 @@ def _require_kind(name: str, wanted: Format, material: Material) -> None:
     """Refuse cameras that a format does not know."""
     odd = [camera for camera in material.cameras if not wanted.takes(camera.built.is_plenoptic)]
     if odd:
-        others = [other for other, record in loadable().items() if record.takes(odd[0].built.is_plenoptic)]
-        is_array = wanted.cameras is Cameras.PLENOPTIC
-        what = "a microlens array, and {} has none" if is_array else "one position per point, and {} is plenoptic"
-        hint = f"formats for it: {', '.join(others)}"
+        suitable = [other for other, record in loadable().items() if record.takes(odd[0].built.is_plenoptic)]
+        camera = odd[0].name
+        expected = f"one position per point, and {camera} is plenoptic"
+        if wanted.cameras is Cameras.PLENOPTIC:
+            expected = f"a microlens array, and {camera} has none"
+        hint = f"formats for it: {', '.join(suitable)}"
         if len(odd) < len(material.cameras):
             hint += "; or choose cameras with --only"
-        raise ExportError(f"{name} expects {what.format(odd[0].name)}", hint=hint)
+        raise ExportError(f"{name} expects {expected}", hint=hint)

@@ -75,15 +75,15 @@ def gather(
 def _row_pinhole(camera: ExportCamera, material: Material) -> BuiltPinhole | str:
     if camera.built.is_plenoptic or camera.pinhole is None:
         return "no pinhole stands for this camera"
-    seen = []
+    targets = []
     for view in material.of(camera):
         if len(view.observations.ids):
-            seen.append(Sightings(view.observations.positions, _places_mm(camera, view, material)))
-    return row_pinhole(camera.pinhole, seen)
+            targets.append(Sightings(view.observations.positions, _points_mm(camera, view, material)))
+    return row_pinhole(camera.pinhole, targets)
 
 
-def _places_mm(camera: ExportCamera, view: ExportView, material: Material) -> np.ndarray:
-    """Places of the points of observations in the vision frame, (n, 3); before a shutter those at their own times."""
+def _points_mm(camera: ExportCamera, view: ExportView, material: Material) -> np.ndarray:
+    """Points of observations in the vision frame, (n, 3); before a shutter those at their own times."""
     if camera.built.shutter:
         rows = view.built.correspondences[view.observations.rows]
         return np.stack([rows.camera_x_mm, rows.camera_y_mm, rows.camera_z_mm], axis=1)
@@ -96,10 +96,10 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
 
     Raises ExportError: there is neither of that name.
     """
-    known = [camera.name for camera in material.cameras] + [target.name for target in material.targets]
+    names_of_build = [camera.name for camera in material.cameras] + [target.name for target in material.targets]
     for name in names:
-        if name not in known:
-            hint = did_you_mean(name, known) or f"it has {', '.join(known)}"
+        if name not in names_of_build:
+            hint = did_you_mean(name, names_of_build) or f"it has {', '.join(names_of_build)}"
             raise ExportError(f"the build has no camera and no target {name!r}", hint=hint)
     cameras = tuple(camera for camera in material.cameras if camera.name in names) or material.cameras
     targets = tuple(target for target in material.targets if target.name in names) or material.targets
@@ -176,8 +176,8 @@ def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -
             f"the build has no positions {position!r}", hint=f'build it with plen:truth:columns = ["{position}"]'
         )
     positions = np.stack([rows[column], rows[column.replace("x_px", "y_px")]], axis=1)
-    known = np.isfinite(positions).all(axis=1)
-    rows, positions = rows[known], positions[known]
+    has_position = np.isfinite(positions).all(axis=1)
+    rows, positions = rows[has_position], positions[has_position]
     return ExportView(
         camera=view.camera,
         target=target.name,
@@ -187,7 +187,7 @@ def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -
         camera_from_target=view.poses.pinhole_from_target.get(target.name),
         camera_from_world=view.poses.pinhole_from_world,
         observations=Observations(
-            rows=numbers[known],
+            rows=numbers[has_position],
             ids=rows.point_id,
             positions=positions,
             microlenses=np.stack([rows.microlens_k, rows.microlens_l], axis=1) if view.is_plenoptic else None,

@@ -186,8 +186,8 @@ class ExportCamera:
         """The thin-lens camera; focal lengths in the order of its types. ExportError: there is none like it."""
         lens = self.built.record["lens"]
         if "sensor_tilt_deg" in self.built.record or not lens["f_number"] or "index_in_front" in lens:
-            what = f"no thin lens is like {self.name}: its sensor is tilted, its lens telecentric, or no air before it"
-            raise ExportError(what, hint="rays and the tables hold any camera")
+            reasons = "its sensor is tilted, its lens telecentric, or no air before it"
+            raise ExportError(f"no thin lens is like {self.name}: {reasons}", hint="rays and tables hold any camera")
         return thin_lens(self.built.record, self.array[0].focal_lengths_mm)
 
 
@@ -272,8 +272,8 @@ class Material:
 
     def together(self, first: ExportCamera, second: ExportCamera) -> list[tuple[ExportView, ExportView]]:
         """Views of two cameras in the same frame, of the same target."""
-        others = {(view.frame, view.target): view for view in self.of(second)}
-        return [(view, others[at]) for view in self.of(first) if (at := (view.frame, view.target)) in others]
+        of_second = {(view.frame, view.target): view for view in self.of(second)}
+        return [(view, of_second[at]) for view in self.of(first) if (at := (view.frame, view.target)) in of_second]
 
     def target(self, name: str) -> ExportTarget:
         return next(target for target in self.targets if target.name == name)

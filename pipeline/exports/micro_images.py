@@ -45,8 +45,8 @@ class GridMesh:
         down = SIN_60 if self.layout == "hexagonal" else 1
         return self.pitch_px[0] * across, self.pitch_px[1] * down
 
-    def place(self, x_px: float, y_px: float) -> np.ndarray:
-        """Image position of a place that counts from the origin along the axes of the mesh, (2,)."""
+    def image_position(self, x_px: float, y_px: float) -> np.ndarray:
+        """Image position of a point given from the origin along the axes of the mesh, (2,)."""
         cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
         return np.array([[cos, -sin], [sin, cos]]) @ [x_px, y_px] + self.origin
 
@@ -56,7 +56,7 @@ class MicroImageGrid:
     """Numbers of the micro-images that matter: those whose centre lies in the image, and those that see a point."""
 
     layout: str  # as in camera.json; in hexagonal-columns lines run down, else across
-    # Number of the first line, and twice the place along the line that column 0 has in a line that is not shifted
+    # Number of the first line, and twice the offset along the line that column 0 has in a line that is not shifted
     first: tuple[int, int]
     rows: np.ndarray  # (n,), rows of the micro-images that count, sorted by row and column
 
@@ -72,9 +72,9 @@ class MicroImageGrid:
 
     def cells(self, microlenses: np.ndarray) -> np.ndarray:
         """Column and row of microlenses (n, 2)."""
-        line, place = self._line_and_place(microlenses)
+        line, offset = self._line_and_offset(microlenses)
         line = line - self.first[0]
-        column = (place - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
+        column = (offset - (line % 2 == 0) * self.is_shifted - self.first[1]) // 2
         return np.stack([column, line] if self.across else [line, column], axis=1)
 
     def renumbered(self, images: MicroImages) -> MicroImages:
@@ -108,8 +108,8 @@ class MicroImageGrid:
             middle=nodes[central] @ [along, across, origin],
         )
 
-    def _line_and_place(self, microlenses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Number of the line of each microlens, and twice its place along the line, in micro-images."""
+    def _line_and_offset(self, microlenses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the line of each microlens, and twice its offset along the line, in micro-images."""
         k, l = microlenses.T
         if not self.is_shifted:
             return l, 2 * k
@@ -117,12 +117,12 @@ class MicroImageGrid:
         return line, 2 * along + line
 
     def _types(self, cells: np.ndarray, ours: np.ndarray, count: int) -> np.ndarray:
-        """Our type -> ((line mod (n - 1)) + place) mod n, libpleno's; only in hexagonal rows the lines are rows."""
+        """Types of libpleno by ours: ((line mod (n - 1)) + index in it) mod n; lines are columns but in `hexagonal`."""
         if count == 1:
             return np.zeros(1, np.int64)
         column, row = cells.T
-        line, place = (row, column) if self.layout == "hexagonal" else (column, row)
-        theirs = (line % (count - 1) + place) % count
+        line, number = (row, column) if self.layout == "hexagonal" else (column, row)
+        theirs = (line % (count - 1) + number) % count
         types = np.array([theirs[ours == kind][0] if (ours == kind).any() else -1 for kind in range(count)])
         if (types[ours] != theirs).any() or sorted(types.tolist()) != list(range(count)):
             raise ExportError(
@@ -143,11 +143,11 @@ def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> Micr
 def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
     """The grid of micro-images from column and row 0; `seeing`, (n, 2) int64, are microlenses that see a point."""
     matter = ((images.centres >= 0) & (images.centres <= np.array(size_px) - 1)).all(axis=1)  # in the image
-    known = {tuple(pair) for pair in seeing.tolist()}
-    matter |= np.array([tuple(pair) in known for pair in images.microlenses.tolist()])
+    seeing_pairs = {tuple(pair) for pair in seeing.tolist()}
+    matter |= np.array([tuple(pair) in seeing_pairs for pair in images.microlenses.tolist()])
     rows = np.flatnonzero(matter)
     grid = MicroImageGrid(layout=images.layout, first=(0, 0), rows=rows)
-    line, place = grid._line_and_place(images.microlenses[rows])
+    line, offset = grid._line_and_offset(images.microlenses[rows])
     first = int(line.min())
-    grid = replace(grid, first=(first, int((place - grid.is_shifted * ((line - first) % 2 == 0)).min())))
+    grid = replace(grid, first=(first, int((offset - grid.is_shifted * ((line - first) % 2 == 0)).min())))
     return replace(grid, rows=rows[np.lexsort(grid.cells(images.microlenses[rows]).T)])

@@ -99,10 +99,10 @@ def _tried(
     kept, odd = [], []
     at_judges = _weights(tuple(_JUDGES[:, 1])), _weights(tuple(_JUDGES[:, 0]))
     for number, patch in enumerate(patches):
-        here = slice(number * len(places), (number + 1) * len(places))
-        values = lines[here][: len(grid)].reshape(_NODES, _NODES, 4)
-        apart = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[here][len(grid) :]
-        allowed_px = max(_AGREES_PX, float(error_px[here].max(initial=0.0)))
+        of_patch = slice(number * len(places), (number + 1) * len(places))
+        values = lines[of_patch][: len(grid)].reshape(_NODES, _NODES, 4)
+        apart = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[of_patch][len(grid) :]
+        allowed_px = max(_AGREES_PX, float(error_px[of_patch].max(initial=0.0)))
         if _px(apart, values, patch, planes_mm) <= allowed_px:  # not of NaN
             centres = ((2 * np.arange(count) + 1) / count - 1 for count in (patch.height, patch.width))
             down, across = (_weights(tuple(places)) for places in centres)

@@ -22,24 +22,24 @@ _UNCERTAIN = 1e-4
 the image and of the rows of a wide lens differ by."""
 
 
-def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole | str:
+def row_pinhole(image: BuiltPinhole, targets: Sequence[Sightings]) -> BuiltPinhole | str:
     """The pinhole that a calibration finds in exact rows, with the residual that it prints; or why they determine none.
 
     Principal distance and the radial coefficients of the pinhole of camera.json are fitted again; they are kept where
     others leave no tenth less. Without displaced surfaces the centre lies on the axis.
 
     `image`: the pinhole with distortion of camera.json.
-    `seen`: rows of each target in each frame that shows some, where it truly is.
+    `targets`: rows of each target in each frame that shows some, where it truly is.
     """
     start = np.zeros(fit.PARAMETERS)
     start[list(fit.TILT)] = image.tilt_rad
     start[[F, *fit.CENTRE, *fit.POINT]] = image.principal_distance_px, *image.centre_mm, *image.principal_point_px
     start[list(fit.BROWN)] = image.distortion[:5]
     free = (F, *(number for number in fit.RADIAL if start[number]))
-    if sum(sightings.x_px.size for sightings in seen) <= 6 * len(seen) + len(free):
+    if sum(sightings.x_px.size for sightings in targets) <= 6 * len(targets) + len(free):
         return "too few points"
     try:
-        adjusted = _Adjusted(start, tuple(seen), (np.eye(4),) * len(seen)).settled(())
+        adjusted = _Adjusted(start, tuple(targets), (np.eye(4),) * len(targets)).settled(())
         nearer = adjusted
         if adjusted.together.rms_px(start) > fit.NOTHING_LEFT_PX:
             nearer = adjusted.settled(free)
@@ -52,7 +52,7 @@ def row_pinhole(image: BuiltPinhole, seen: Sequence[Sightings]) -> BuiltPinhole 
     if left_px < fit.WORTH_IT * adjusted.together.rms_px(start):
         adjusted = nearer
     centres = np.array([apply(inverse(move), image.centre_mm) for move in adjusted.moves])
-    centre_mm = np.average(centres, axis=0, weights=[len(sightings.x_px) for sightings in seen])
+    centre_mm = np.average(centres, axis=0, weights=[len(sightings.x_px) for sightings in targets])
     projection = adjusted.together.projection(adjusted.parameters)
     return BuiltPinhole(
         centre_mm=np.where(image.centre_mm[:2].any(), centre_mm, [0.0, 0.0, centre_mm[2]]),
@@ -69,14 +69,14 @@ class _Adjusted:
     """A pinhole before targets that have moved, each by a rigid `moves` (4, 4), and the `error` of `_UNCERTAIN`."""
 
     parameters: np.ndarray
-    seen: tuple[Sightings, ...]
+    targets: tuple[Sightings, ...]
     moves: tuple[np.ndarray, ...]
     error: float = 0.0
 
     @property
     def together(self) -> Sightings:
         names = ("x_px", "places_mm")
-        return Sightings(*(np.concatenate([getattr(target, name) for target in self.seen]) for name in names))
+        return Sightings(*(np.concatenate([getattr(target, name) for target in self.targets]) for name in names))
 
     def settled(self, free: tuple[int, ...]) -> Self:
         """Targets and the parameters in `free` at least squares."""
@@ -90,35 +90,35 @@ class _Adjusted:
     def _nearer(self, free: tuple[int, ...]) -> tuple[Self, float]:
         """A step of Gauss and Newton, and its change of the rows by moves [px]; these are eliminated one by one."""
         p, eliminated, parts = self.parameters.copy(), [], []
-        for target in self.seen:
+        for target in self.targets:
             by_move = _by_move(target, p)
-            others = np.column_stack([target.slopes(p, free), target.residuals(p).ravel()])
-            eliminated.append(_without(by_move, others))
-            parts.append((by_move, others))
+            shared = np.column_stack([target.slopes(p, free), target.residuals(p).ravel()])
+            eliminated.append(_without(by_move, shared))
+            parts.append((by_move, shared))
         left, scale = np.concatenate(eliminated), np.linalg.norm(np.concatenate([part[1] for part in parts]), axis=0)
         slopes = left[:, :-1] / scale[:-1]
         step = np.linalg.lstsq(slopes, -left[:, -1], rcond=None)[0] / scale[:-1] if free else np.zeros(0)
         p[list(free)] += step
-        seen, moves, change_px = [], [], 0.0
-        for target, before, (by_move, others) in zip(self.seen, self.moves, parts, strict=True):
-            turn_and_shift = np.linalg.lstsq(by_move, -others @ [*step, 1.0], rcond=None)[0]
+        targets, moves, change_px = [], [], 0.0
+        for target, before, (by_move, shared) in zip(self.targets, self.moves, parts, strict=True):
+            turn_and_shift = np.linalg.lstsq(by_move, -shared @ [*step, 1.0], rcond=None)[0]
             move = _move(target, turn_and_shift)
-            seen.append(replace(target, places_mm=apply(move, target.places_mm)))
+            targets.append(replace(target, places_mm=apply(move, target.places_mm)))
             moves.append(move @ before)
             change_px = max(change_px, float(np.linalg.norm(by_move @ turn_and_shift)))
         error = 0.0
         if free:
             steepness = np.linalg.norm(_without(slopes[:, 1:], slopes[:, :1])) * scale[0]
-            spare = len(left) - 6 * len(self.seen) - len(free)
+            spare = len(left) - 6 * len(self.targets) - len(free)
             off = np.linalg.norm(left[:, -1] + left[:, :-1] @ step) / math.sqrt(spare)
             error = float(off / steepness / abs(p[F]))
-        return replace(self, parameters=p, seen=tuple(seen), moves=tuple(moves), error=error), change_px
+        return replace(self, parameters=p, targets=tuple(targets), moves=tuple(moves), error=error), change_px
 
 
-def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Other columns less their projection on the span of these."""
-    span = np.linalg.qr(columns)[0]
-    return np.asarray(others - span @ (span.T @ others))
+def _without(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns less their projection on the span of a basis."""
+    span = np.linalg.qr(basis)[0]
+    return np.asarray(columns - span @ (span.T @ columns))
 
 
 def _by_move(sightings: Sightings, p: np.ndarray) -> np.ndarray:

@@ -26,31 +26,31 @@ _MOST_PX = 1.0
 """Largest residual [px]: a model that is a pixel off would spoil what is fitted to it."""
 
 
-def windshield_model(camera: ExportCamera, others: Iterable[str]) -> CentralModel:
+def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> CentralModel:
     """The central model of a camera without the windows before it, and the windshield that stands for them.
 
-    `others`: as in `central_model`. Its centre is that of the rays before the windows, and its residual that of both.
+    `alternatives`: as in `central_model`. The centre is that of rays before the windows, residuals are of both.
     Raises ExportError: no model fits the lens, or the windows shift rays too much.
     """
-    ready, seen = camera.rays.sight, field_of(camera)
+    ready, field = camera.rays.sight, field_of(camera)
     alone = _without_windows(ready)
-    lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: alone)), others)
-    centre_mm = seen.rays.nearest_point_mm
-    outside = _angles(seen, centre_mm)
-    inside = _angles(replace(seen, rays=alone.rays(*seen.x_px.T)), lens.centre_mm)
+    lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: alone)), alternatives)
+    centre_mm = field.rays.nearest_point_mm
+    outside = _angles(field, centre_mm)
+    inside = _angles(replace(field, rays=alone.rays(*field.x_px.T)), lens.centre_mm)
     forward, inverse = _polynomials(outside, inside), _polynomials(inside, outside)
     off, back, beyond = (
-        _positions(lens, _powers(angles) @ forward) - np.tile(seen.x_px, (len(angles) // len(seen.x_px), 1))
-        for angles in (outside, _powers(inside) @ inverse, np.arcsin(seen.rays.direction[:, :2]))
+        _positions(lens, _powers(angles) @ forward) - np.tile(field.x_px, (len(angles) // len(field.x_px), 1))
+        for angles in (outside, _powers(inside) @ inverse, np.arcsin(field.rays.direction[:, :2]))
     )
     most_px, back_px, beyond_px = (float(np.hypot(*each.T).max()) for each in (off, back, beyond))
     if not most_px <= _MOST_PX:
-        what = f"NCore's windshield misses rays through the windows before {camera.name} by {most_px:.3g} px"
-        raise ExportError(f"{what}; {_MOST_PX:g} px is most", hint="export rays, which hold any camera")
+        message = f"NCore's windshield misses rays through the windows before {camera.name} by {most_px:.3g} px"
+        raise ExportError(f"{message}; {_MOST_PX:g} px is most", hint="export rays, which hold any camera")
     names = ("horizontal_poly", "vertical_poly", "horizontal_poly_inverse", "vertical_poly_inverse")
     windshield = Windshield(
         polynomials=dict(zip(names, np.concatenate([forward, inverse], axis=1).T, strict=True)),
-        planes_mm=seen.planes_mm,
+        planes_mm=field.planes_mm,
         lens_rms_px=lens.rms_px,
         inverse_max_px=back_px,
         infinity_max_px=beyond_px,
@@ -70,9 +70,9 @@ def _without_windows(ready: ReadyCamera) -> ReadyCamera:
 
 
 def _angles(field: FieldRays, centre_mm: np.ndarray) -> np.ndarray:
-    """phi and theta of points of the rays on both planes, seen from a centre, (2 n, 2) [rad]."""
-    ways = np.concatenate([field.points(z_mm) for z_mm in field.planes_mm]) - centre_mm
-    return np.arcsin(ways[:, :2] / np.linalg.norm(ways, axis=1, keepdims=True))
+    """phi and theta of points of the rays on both planes, from a centre, (2 n, 2) [rad]."""
+    towards = np.concatenate([field.points(z_mm) for z_mm in field.planes_mm]) - centre_mm
+    return np.arcsin(towards[:, :2] / np.linalg.norm(towards, axis=1, keepdims=True))
 
 
 def _powers(angles: np.ndarray) -> np.ndarray:
@@ -89,5 +89,6 @@ def _polynomials(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 def _positions(lens: CentralModel, angles: np.ndarray) -> np.ndarray:
     """Image positions of rays at angles behind the windows, (n, 2)."""
     x, y = np.sin(angles).T
-    ways = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], axis=1)
-    return MODELS[lens.name].project(np.concatenate([lens.focal_px, lens.principal_point_px, lens.coefficients]), ways)
+    towards = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], axis=1)
+    parameters = np.concatenate([lens.focal_px, lens.principal_point_px, lens.coefficients])
+    return MODELS[lens.name].project(parameters, towards)

@@ -172,7 +172,7 @@ def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: fl
     """Pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
     (columns, rows), (across, down) = _size(mesh), mesh.step_px
     shift = mesh.pitch_px[0] / 2 if mesh.layout == "hexagonal" else 0  # node (0, 0) is shifted in rows alone
-    first = (axis - mesh.place(across * (columns - 1) + shift, down * (rows - 1))) * per_px
+    first = (axis - mesh.image_position(across * (columns - 1) + shift, down * (rows - 1))) * per_px
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)
     turn = [[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]
     return _pose(turn, [*first.tolist(), -distance_mm])
@@ -192,7 +192,7 @@ def _mesh(mesh: GridMesh) -> dict[str, Any]:
         "width": columns,
         "height": rows,
         "pitch": [list(mesh.pitch_px)],
-        "pose": _pose([[cos, sin], [-sin, cos]], mesh.place(0, down).tolist()),
+        "pose": _pose([[cos, sin], [-sin, cos]], mesh.image_position(0, down).tolist()),
     }
 
 
