@@ -58,8 +58,8 @@ class FrozenPupils:
 
 
 def by_x(
-    moments_at: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "n 2"], half_px: float = HALF_PX
+    values_at: Callable[[np.ndarray], np.ndarray], x_px: Float64[np.ndarray, "... 2"], half_px: float = HALF_PX
 ) -> np.ndarray:
-    """Derivatives of moments by image position, (n, COLUMNS, 2), by central differences."""
-    ends = [[moments_at(x_px + sign * step) for sign in (1, -1)] for step in half_px * np.eye(2)]
+    """Derivatives by image position of values such as moments, (..., 2), by central differences."""
+    ends = [[values_at(x_px + sign * step) for sign in (1, -1)] for step in half_px * np.eye(2)]
     return np.stack([(more - less) / (2 * half_px) for more, less in ends], axis=-1)

@@ -288,10 +288,8 @@ def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | Non
 def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
     """Distance of rows from the edge of their cell or the border of the image, whichever is nearer, (n,) [px]."""
     sensor = rig.tracer.camera.sensor
-    pitch = rig.tracer.camera.sensor.pitch_mm
-    border = np.array([sensor.width_px, sensor.height_px]) / 2 - np.abs(
-        rows.x_px - (np.array([sensor.width_px, sensor.height_px]) - 1) / 2
-    )
+    size_px = np.array(sensor.size_px)
+    border = size_px / 2 - np.abs(rows.x_px - (size_px - 1) / 2)
     if rig.images is None or len(rig.images.centre_mm) < 2:
         return border.min(axis=1)
     centre = rig.images.centre_mm
@@ -301,14 +299,13 @@ def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
     between = centre[other] - centre[rows.cell]
     middle = (centre[other] + centre[rows.cell]) / 2
     inward = np.einsum("ni,ni->n", middle - x, between) / np.linalg.norm(between, axis=1)
-    return np.minimum(inward / pitch, border.min(axis=1))
+    return np.minimum(inward / sensor.pitch_mm, border.min(axis=1))
 
 
 def _figures(length: np.ndarray) -> dict[str, float | None]:
     if not len(length):
         return {"mean_px": None, "rms_px": None, "max_px": None}
-    values = length.mean(), np.sqrt(np.mean(length**2)), length.max()
-    return dict(zip(("mean_px", "rms_px", "max_px"), map(_plain, values), strict=True))
+    return {"mean_px": _plain(length.mean()), "rms_px": _plain(rms(length)), "max_px": _plain(length.max())}
 
 
 def _plain(value: float) -> float | None:

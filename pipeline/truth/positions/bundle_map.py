@@ -10,6 +10,17 @@ from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 
 
+class Position(NamedTuple):
+    """An image position of a point other than that of J, and its estimated error; NaN where there is none."""
+
+    x_px: np.ndarray  # (2,) float64
+    error_px: float
+
+
+NONE = Position(np.full(2, np.nan), np.nan)
+"""The position of a point that has none."""
+
+
 class TracedGrid(NamedTuple):
     """Traced positions of a bundle map: middle of the grid, half its size, positions along each axis."""
 

@@ -10,8 +10,6 @@ The sharp edges of image and disc are gone, and few points suffice. A dark disc 
 missing light, as long as the white around it is uniform.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from pipeline.camera.boundary import even_angles, unit_nodes, unit_vectors
@@ -19,7 +17,7 @@ from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map
+from pipeline.truth.positions.bundle_map import NONE, BundleMap, Position, TracedGrid, bundle_map
 
 _ROUGH, _FINE = (4, 6, 48, 3, 12), (5, 8, 96, 4, 16)
 """Orders of two accuracies: traced positions along an axis, rings and directions of the bundle, rings and directions of
@@ -41,26 +39,21 @@ _DIFFERENCE = 1e-4
 about its square."""
 
 
-@dataclass(frozen=True, slots=True)
-class Centroid:
-    """Centroid of the image of a disc, and the difference of two integrals; NaN unless the complete disc is visible."""
-
-    x_px: Float64[np.ndarray, "2"]
-    error_px: float
-
-
 def centroid(
     rig: Rig, cell: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], radius_mm: float
-) -> Centroid:
-    """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre."""
+) -> Position:
+    """Centroid of the image of a disc about the origin of a plane (4, 3), near the image position of its centre.
+
+    The error is the difference of two integrals; there is none unless the complete disc is visible.
+    """
     parts = []
     for share, tracer in rig.tracer.lights:
         images = _disc_images(rig, tracer, cell, x_px, plane, radius_mm)
         if images is None:
-            return Centroid(np.full(2, np.nan), np.nan)
+            return NONE
         parts.append([(share * light, x) for light, x in images])
     rough, fine = (_mean(list(level)) for level in zip(*parts, strict=True))
-    return Centroid(fine, float(np.hypot(*(fine - rough))))
+    return Position(fine, float(np.hypot(*(fine - rough))))
 
 
 def _mean(parts: list[tuple[float, np.ndarray]]) -> np.ndarray:

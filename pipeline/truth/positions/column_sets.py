@@ -6,6 +6,7 @@ corner of an AprilGrid is an X-corner, because a tag and a small square meet the
 not.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.targets.surfaces import Patch
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.candidates import chief_points
 from pipeline.truth.planes import Planes
+from pipeline.truth.positions.bundle_map import NONE, Position
 from pipeline.truth.positions.centroid import centroid
 from pipeline.truth.positions.saddle import corner_plane, saddle
 from pipeline.truth.rows import Solutions
@@ -184,12 +186,12 @@ def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, 
     start = rows.xy_px
     edges = around.edges[rows.point] @ np.swapaxes(pose[..., :3, :3], -1, -2)
     is_corner = np.isfinite(edges).all(axis=(1, 2))
-    x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
-    for i in np.flatnonzero(is_corner):
-        plane = corner_plane(planes[i], edges[i])
+
+    def saddle_of(i: int) -> Position:
         ratio = float(around.mean_over_contrast[rows.point[i]])
-        solution = saddle(rig.tracer, int(microlens[i]), start[i], plane, ratio)
-        x[i], error[i] = solution.x_px, solution.error_px
+        return saddle(rig.tracer, int(microlens[i]), start[i], corner_plane(planes[i], edges[i]), ratio)
+
+    x, error = _one_by_one(is_corner, saddle_of)
     lost = is_corner & np.isnan(x[:, 0])
     return _noted("saddle", x, {"not a corner of four sectors": ~is_corner, "none in the own micro-image": lost}, error)
 
@@ -197,12 +199,16 @@ def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, 
 def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
     radius = target.points().radius_mm[rows.point]
     start = rows.xy_px
-    x, error = np.full(start.shape, np.nan), np.full(len(start), np.nan)
-    for i in np.flatnonzero(~np.isnan(radius)):
-        solution = centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i]))
-        x[i], error[i] = solution.x_px, solution.error_px
-    lost = ~np.isnan(radius) & np.isnan(x[:, 0])
-    return _noted("centroid", x, {"not a disc": np.isnan(radius), "disc not whole in image or cell": lost}, error)
+    is_disc = ~np.isnan(radius)
+    x, error = _one_by_one(is_disc, lambda i: centroid(rig, int(rows.cell[i]), start[i], planes[i], float(radius[i])))
+    lost = is_disc & np.isnan(x[:, 0])
+    return _noted("centroid", x, {"not a disc": ~is_disc, "disc not whole in image or cell": lost}, error)
+
+
+def _one_by_one(wanted: np.ndarray, solve: Callable[[int], Position]) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 2) and errors (n,) of the wanted rows; NaN for the rest."""
+    found = [solve(i) if is_wanted else NONE for i, is_wanted in enumerate(wanted.tolist())]
+    return np.array([each.x_px for each in found]).reshape(-1, 2), np.array([each.error_px for each in found])
 
 
 _MAKERS = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}

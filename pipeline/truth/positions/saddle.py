@@ -13,16 +13,16 @@ Their motion with x is interpolated by polynomials.
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from pipeline.camera.boundary import unit_nodes
+from pipeline.camera.frozen_pupils import by_x
 from pipeline.camera.integrating.quadrature import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
-from pipeline.truth.positions.bundle_map import BundleMap, TracedGrid, bundle_map, bundle_maps
+from pipeline.truth.positions.bundle_map import NONE, BundleMap, Position, TracedGrid, bundle_map, bundle_maps
 
 
 @kernel
@@ -194,18 +194,6 @@ _ROUGH = 0.02
 """Precision of a search along an edge over the standard deviation [1]: Newton's method improves it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Saddle:
-    """Position of the saddle of a corner's image, and its error; NaN if none was found.
-
-    The error is the sum of the differences between two sizes of triangles, degrees of polynomials and numbers of nodes
-    along a pixel's side.
-    """
-
-    x_px: Float64[np.ndarray, "2"]
-    error_px: float
-
-
 def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "n 3"]) -> np.ndarray:
     """A tangent plane (4, 3) whose coordinate axes are two edges (2, 3) of its frame."""
     normal = plane[3]
@@ -215,12 +203,15 @@ def corner_plane(plane: Float64[np.ndarray, "4 3"], edges: Float64[np.ndarray, "
 
 def saddle(
     tracer: Tracer, microlens: int, x_px: Float64[np.ndarray, "2"], plane: Float64[np.ndarray, "4 3"], ratio: float
-) -> Saddle:
-    """Find the saddle of a corner, on a plane from `corner_plane`, near the position of J."""
-    lost = Saddle(np.full(2, np.nan), np.nan)
+) -> Position:
+    """Find the saddle of a corner, on a plane from `corner_plane`, near the position of J.
+
+    The error is the sum of the differences between two sizes of triangles, degrees of polynomials and numbers of nodes
+    along a pixel's side.
+    """
     start = _start(tracer, microlens, x_px, plane, ratio)
     if start is None:
-        return lost
+        return NONE
     x_px, spread_px = start
     moved = np.inf
     off, hessian = np.full((3, 2), np.nan), np.full((2, 2), np.nan)
@@ -234,7 +225,7 @@ def saddle(
             grid = TracedGrid(x_px, np.full(2, _HALF_PX), _ORDERS[degree])
             around = bundle_maps(tracer, microlens, plane, grid, nodes)
             if around is None:
-                return lost
+                return NONE
             gradient = gradient_of(around, ratio, 1, _ALONG[along])
             hessian = hessian_of(gradient, x_px) if np.isnan(hessian).any() else hessian
             solution, hessian = _newton(gradient, x_px, hessian)
@@ -256,8 +247,8 @@ def saddle(
     # Accept a saddle near the start, and extrapolate it to vanishing triangles (Richardson).
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
-        return lost
-    return Saddle(x_px + off[0], float(np.hypot(*off.T) @ [3, 1, 1]))
+        return NONE
+    return Position(x_px + off[0], float(np.hypot(*off.T) @ [3, 1, 1]))
 
 
 def _start(
@@ -308,11 +299,7 @@ def _median(values: np.ndarray, weight: np.ndarray) -> float:
 
 def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
     """Jacobian of the mean hit by position, (2, 2) [mm per px]."""
-    steps = _LOOK_PX * np.eye(2)
-    means = [
-        [weight @ around.at(around.x_px + sign * step)[..., :2].reshape(-1, 2) for sign in (1, -1)] for step in steps
-    ]
-    return np.stack([plus - minus for plus, minus in means], axis=1) / (2 * _LOOK_PX)
+    return by_x(lambda x_px: weight @ around.at(x_px)[..., :2].reshape(-1, 2), around.x_px, _LOOK_PX)
 
 
 def _newton(
