@@ -81,14 +81,13 @@ class Rig:
 
     def home_px(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Position in each cell where light surely arrives: the centre of the micro-image, or of the image."""
-        sensor = self.tracer.camera.sensor
         if self.images is not None:
             return self.tracer.pixels_at(self.images.centre_mm[cell])
-        return np.broadcast_to((np.array([sensor.width_px, sensor.height_px]) - 1) / 2, (len(cell), 2)).copy()
+        return np.tile((np.array(self.tracer.camera.sensor.size_px) - 1) / 2, (len(cell), 1))
 
     def in_image(self, x_px: Float64[np.ndarray, "n 2"], grace_px: float = 0.0) -> np.ndarray:
         """Whether positions lie in the image, or at most `grace_px` outside."""
-        size = np.array([self.tracer.camera.sensor.width_px, self.tracer.camera.sensor.height_px])
+        size = np.array(self.tracer.camera.sensor.size_px)
         return np.all(np.abs(x_px - (size - 1) / 2) <= size / 2 + grace_px, axis=1)
 
     def in_cell(

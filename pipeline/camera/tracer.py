@@ -114,8 +114,8 @@ class Tracer:
             extents = np.abs(self.vertices_mm).max(axis=0) + np.abs(self.lattice.z_mm).max()
             slack = np.hypot(*cell(array).T).max() * (1.0 if array.is_plain else 1.1)
         else:
-            size = np.array([sensor.width_px, sensor.height_px]) * sensor.pitch_mm / 2
-            extents = size + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
+            half = np.array(sensor.size_px) * sensor.pitch_mm / 2
+            extents = half + np.abs([sensor.offset_x_mm, sensor.offset_y_mm])
             slack = sensor.pitch_mm * np.sqrt(0.5)
         middle = (0.0, 0.0, self.film_z_mm)
         reach = (float(extents[0]), float(extents[1]))
@@ -149,7 +149,7 @@ class Tracer:
     def pixels_at(self, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Image positions of points of the sensor; inverse of `positions_mm`, (n, 2) [px]."""
         sensor = self.camera.sensor
-        centre = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
+        centre = (np.array(sensor.size_px) - 1) / 2
         offset = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
         return (-np.asarray(positions_mm) + offset) / sensor.pitch_mm + centre
 

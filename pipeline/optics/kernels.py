@@ -33,7 +33,9 @@ from pipeline.optics.crossing import (
     to_vertex_plane,
     turned_ideally,
 )
+from pipeline.optics.rays import Traced
 from pipeline.optics.reliefs import through_relief
+from pipeline.records.shapes import Float64
 
 PACKET = 256
 """Rays per packet: eight arrays of 256 doubles fill 16 kB, half of a first-level cache."""
@@ -184,6 +186,33 @@ def trace_rays(table, position, direction, alive):
             position[j, 0], position[j, 1], position[j, 2] = packet.x[i], packet.y[i], packet.z[i]
             direction[j, 0], direction[j, 1], direction[j, 2] = packet.dx[i], packet.dy[i], packet.dz[i]
             alive[j] = packet.alive[i]
+
+
+def trace(
+    table: Float64[np.ndarray, "surfaces columns"],
+    position_mm: Float64[np.ndarray, "n 3"],
+    direction: Float64[np.ndarray, "n 3"],
+) -> Traced:
+    """The rays behind the last surface; `optics.rays.traced` is the same without a compiler."""
+    rays = np.array(position_mm, np.float64, order="C"), np.array(direction, np.float64, order="C")
+    alive = np.ones(len(position_mm))
+    trace_rays(table, *rays, alive)
+    return Traced(*rays, alive > 0)
+
+
+def trace_path(
+    table: Float64[np.ndarray, "surfaces columns"],
+    position_mm: Float64[np.ndarray, "n 3"],
+    direction: Float64[np.ndarray, "n 3"],
+) -> tuple[Float64[np.ndarray, "points n 3"], Traced]:
+    """Points of rays, the start and those on each surface, and the rays behind the last surface."""
+    rays = Traced(position_mm, direction, np.ones(len(position_mm), bool))
+    points = [position_mm]
+    for number in range(len(table)):
+        behind = trace(table[number : number + 1], rays.position, rays.direction)
+        rays = behind._replace(passes=rays.passes & behind.passes)
+        points.append(rays.position)
+    return np.stack(points), rays
 
 
 @kernel

@@ -34,6 +34,17 @@ def front_grid(table: Float64[np.ndarray, "surfaces columns"], count: int) -> np
     return apply(motion_of(table[0], column.ENTRY), np.column_stack([x, y, np.full(len(x), table[0, column.VERTEX])]))
 
 
+def directions_to(
+    table: Float64[np.ndarray, "surfaces columns"],
+    starts_mm: Float64[np.ndarray, "... 3"],
+    points_mm: Float64[np.ndarray, "... 2"],
+) -> np.ndarray:
+    """Unit directions from starts (..., 3) to points (..., 2) of the vertex plane of a table's first surface."""
+    z_mm = np.full((*points_mm.shape[:-1], 1), table[0, column.VERTEX])
+    towards = np.concatenate([points_mm, z_mm], axis=-1) - starts_mm
+    return np.asarray(towards / np.linalg.norm(towards, axis=-1, keepdims=True))
+
+
 class Traced(NamedTuple):
     """Points on the last surface and unit directions behind it, (n, 3) each; whether each ray passes, (n,) bool."""
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import displacements
+from pipeline.optics.table import placed
 
 Section = list[tuple[float, float]]
 
@@ -14,8 +14,7 @@ Section = list[tuple[float, float]]
 def profiles(prescription: Prescription) -> list[Section]:
     """Sections of all surfaces, displaced ones where they really are, as seen from the side."""
     outlines = []
-    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
-    for surface, vertex, motion in placed:
+    for surface, vertex, motion in placed(prescription):
         heights = np.linspace(-surface.semi_diameter_mm, surface.semi_diameter_mm, 61).tolist()
         points = np.array([[0.0, y, vertex + surface.sag_mm(abs(y))] for y in heights])
         points = points if motion is None else apply(motion, points)
@@ -25,9 +24,8 @@ def profiles(prescription: Prescription) -> list[Section]:
 
 def elements(prescription: Prescription) -> list[Section]:
     """Outlines of the lens elements: two neighbouring surfaces with a denser medium than air between them."""
-    placed = list(zip(prescription.surfaces, profiles(prescription), strict=True))
     outlines = []
-    for (front, ahead), (_, behind) in pairwise(placed):
+    for (front, ahead), (_, behind) in pairwise(zip(prescription.surfaces, profiles(prescription), strict=True)):
         if front.is_before_glass:
             upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
             top = [(ahead[-1][0], upper), (behind[-1][0], upper)]

@@ -11,6 +11,7 @@ surface of `towards_scene` by another motion than they leave it, and behind it t
 """
 
 import math
+from collections.abc import Iterator
 from itertools import chain, combinations
 from typing import NamedTuple
 
@@ -90,6 +91,11 @@ def displacements(prescription: Prescription) -> list[np.ndarray | None]:
     return motions
 
 
+def placed(prescription: Prescription) -> Iterator[tuple[Surface, float, np.ndarray | None]]:
+    """Each surface, its vertex from the stop along the axis [mm], and its displacement as of `displacements`."""
+    return zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
+
+
 def motion(
     decentre_mm: tuple[float, float], tilt_deg: tuple[float, float], pivot_mm: float, roll_deg: float = 0.0
 ) -> np.ndarray | None:
@@ -121,8 +127,7 @@ def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray
     """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
     rows = []
     in_front = prescription.index_in_front
-    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
-    for surface, vertex_mm, motion in placed:
+    for surface, vertex_mm, motion in placed(prescription):
         index_ratio = in_front / surface.index if sign > 0 else surface.index / in_front
         row = _row(surface, sign * vertex_mm, index_ratio, sign)
         if motion is not None:

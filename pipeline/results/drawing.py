@@ -19,10 +19,11 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.files import svg as svg_file
 from pipeline.optics.first_order import first_order
-from pipeline.optics.kernels import trace_rays
+from pipeline.optics.kernels import trace, trace_path
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.rays import directions_to
 from pipeline.optics.sections import elements, profiles
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, towards_scene, towards_sensor
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, towards_scene, towards_sensor
 
 FIELDS = ((0.0, "#c0392b"), (0.7, "#27803d"), (1.0, "#1f5fa8"))
 """Sensor heights of the bundles, 0 at the centre and 1 at the farther edge, and their colours."""
@@ -165,12 +166,9 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[np.ndarray, np.ndarr
     reach = 1.25 * math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     aim = np.linspace(-reach, reach, _FAN)
     on_sensor = camera.in_vision(np.array([[0.0, -height_mm, -camera.sensor_distance_mm]]))
-    position = np.tile(on_sensor, (_FAN, 1))
-    direction = np.stack([np.zeros(_FAN), aim, np.full(_FAN, table[0, VERTEX])], axis=1) - position
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(_FAN)
-    trace_rays(table, position, direction, alive)
-    passing = np.flatnonzero(alive > 0)
+    starts = np.tile(on_sensor, (_FAN, 1))
+    position, direction, passes = trace(table, starts, directions_to(table, starts, np.stack([0 * aim, aim], axis=1)))
+    passing = np.flatnonzero(passes)
     if not passing.size:
         return None
     (_, y, z), (_, dy, dz) = (rays[passing[passing.size // 2]].tolist() for rays in (position, direction))
@@ -218,16 +216,9 @@ def _trace(
     prescription: Prescription, start: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points on all surfaces, (surfaces + 1, n) along and across the axis; flags of passing; slopes behind the lens."""
-    position = np.stack([np.zeros(len(start)), start[:, 1], start[:, 0]], axis=1)
-    direction = np.stack([np.zeros(len(start)), directions[:, 1], directions[:, 0]], axis=1)
-    alive = np.ones(len(start))
-    table = towards_sensor(prescription)
-    along, across = [position[:, 2].copy()], [position[:, 1].copy()]
-    for row in range(len(table)):
-        trace_rays(table[row : row + 1], position, direction, alive)
-        along.append(position[:, 2].copy())
-        across.append(position[:, 1].copy())
-    return np.array(along), np.array(across), alive > 0, direction[:, 1] / direction[:, 2]
+    in_plane = (np.stack([np.zeros(len(start)), rays[:, 1], rays[:, 0]], axis=1) for rays in (start, directions))
+    points, (_, direction, passes) = trace_path(towards_sensor(prescription), *in_plane)
+    return points[..., 2], points[..., 1], passes, direction[:, 1] / direction[:, 2]
 
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:

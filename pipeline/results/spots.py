@@ -57,7 +57,7 @@ class Spot:
 class FieldBundle:
     """A bundle with the name of its field position, and the bundles of two neighbours along x and two along y."""
 
-    place: str
+    name: str
     x_px: float
     y_px: float
     bundle: Bundle
@@ -80,16 +80,16 @@ def field_bundles(camera: Camera) -> list[FieldBundle]:
     """
     tracer = Tracer(camera)
     sensor = camera.sensor
-    middle = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
+    middle = (np.array(sensor.size_px) - 1) / 2
     corner = np.where(tracer.pixels_at(sensor.farthest_corner_mm[None])[0] < middle, 0.0, 2 * middle)
     bundles = []
-    for share, place in _FIELDS:
+    for share, name in _FIELDS:
         x_px, y_px, microlens = _nearest_light(tracer, middle + share * (corner - middle))
         shifts = ((0, 0), (-_STEP_PX, 0), (_STEP_PX, 0), (0, -_STEP_PX), (0, _STEP_PX))
         middle_bundle, *around = (bundle_behind(tracer, x_px + u, y_px + v, microlens, RAYS) for u, v in shifts)
         if len(middle_bundle.direction) and middle_bundle.direction[:, 2].mean() < math.cos(WIDE_RAD):
             continue
-        bundles.append(FieldBundle(place, x_px, y_px, middle_bundle, (around[0], around[1], around[2], around[3])))
+        bundles.append(FieldBundle(name, x_px, y_px, middle_bundle, (around[0], around[1], around[2], around[3])))
     return bundles
 
 
@@ -103,8 +103,8 @@ def _nearest_light(tracer: Tracer, position_px: np.ndarray) -> tuple[float, floa
     centres = tracer.pixels_at(micro_images(tracer).centre_mm)
     away = np.hypot(*(centres - position_px).T)
     away[tracer.lattice.type != _middle_type(tracer.camera)] = math.inf
-    size = np.array([tracer.camera.sensor.width_px, tracer.camera.sensor.height_px])
-    away[(centres < 0).any(axis=1) | (centres > size - 1).any(axis=1)] = math.inf
+    last = np.array(tracer.camera.sensor.size_px) - 1
+    away[(centres < 0).any(axis=1) | (centres > last).any(axis=1)] = math.inf
     row = int(np.argmin(away))
     x, y = np.round(centres[row]).tolist()
     return x, y, row
@@ -129,7 +129,7 @@ def _spot(field: FieldBundle, distance_mm: float) -> Spot:
     if len(shown) and np.isfinite(shown).all():
         rms = float(np.sqrt(np.average((shown**2).sum(axis=1), weights=field.bundle.weight_sr)))
     return Spot(
-        place=field.place,
+        place=field.name,
         x_px=field.x_px,
         y_px=field.y_px,
         distance_mm=distance_mm,

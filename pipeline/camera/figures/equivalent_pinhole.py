@@ -207,21 +207,14 @@ def _paraxial(camera: Camera) -> np.ndarray:
 def paraxial_pinhole(camera: Camera) -> np.ndarray:
     """The pinhole in the paraxial entrance pupil: principal distance, principal point x and y [px], vision z [mm]."""
     lens = first_order(camera.prescription)
-    sensor = camera.sensor
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
-    x, y = (
-        offset_mm / sensor.pitch_mm + (size - 1) / 2
-        for offset_mm, size in ((sensor.offset_x_mm, sensor.width_px), (sensor.offset_y_mm, sensor.height_px))
-    )
-    return np.array([principal_mm / sensor.pitch_mm, x, y, lens.entrance_pupil.z_mm])
+    return np.array([principal_mm / camera.sensor.pitch_mm, *camera.sensor.axis_px, lens.entrance_pupil.z_mm])
 
 
 def _mean_rays(tracer: Tracer, planes_mm: tuple[float, float]) -> tuple[Sightings, float]:
     """Intersections of mean rays with two planes, and the share of the image that has light."""
-    sensor = tracer.camera.sensor
-    across, down = (
-        np.linspace(-0.5, size - 0.5, count) for size, count in ((sensor.width_px, _COLUMNS), (sensor.height_px, _ROWS))
-    )
+    size_px = tracer.camera.sensor.size_px
+    across, down = (np.linspace(-0.5, n - 0.5, count) for n, count in zip(size_px, (_COLUMNS, _ROWS), strict=True))
     x_px = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     planes = np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     mean = integrals(tracer, Bundles(x_px, np.full(len(x_px), NO_MICROLENS), planes), _LEVEL).moments[:, :4]

@@ -8,15 +8,14 @@ import numpy as np
 
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.errors import CameraError
-from pipeline.camera.pupil.chief_ray import chief_crossings, chief_slopes
+from pipeline.camera.pupil.chief_ray import chief_rays, chief_slopes
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.first_order import first_order
-from pipeline.optics.kernels import trace_rays
-from pipeline.optics.rays import traced
-from pipeline.optics.table import VERTEX, unbounded
+from pipeline.optics.kernels import trace
+from pipeline.optics.table import unbounded
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
 
@@ -81,7 +80,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
         covering = Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
         tracer = Tracer(dataclasses.replace(tracer.camera, sensor=covering))
     # Distortion, from chief rays.
-    direction, crossing = _chief_rays(tracer, positions, object_mm)
+    direction, crossing = _to_object(tracer, positions, object_mm)
     angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
@@ -129,13 +128,8 @@ def field_of_view_deg(camera: Camera) -> list[float]:
 
 def chief_directions(tracer: Tracer, positions_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
     """Directions in the scene of the chief rays of film positions, apertures ignored, (n, 3); NaN: none."""
-    start = tracer.on_film(positions_mm)
-    crossing = chief_crossings(tracer.table, tracer.stop_row, start)
-    direction = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
-    _, direction, leaves = traced(
-        unbounded(tracer.table), start, direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    )
-    return np.where(leaves[:, None], direction, np.nan)
+    rays = chief_rays(tracer.table, tracer.stop_row, tracer.on_film(positions_mm))
+    return np.where(rays.passes[:, None], rays.direction, np.nan)
 
 
 def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
@@ -143,21 +137,19 @@ def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
     position = np.zeros(2)
     for _ in range(_NEWTON_STEPS):
         probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        miss = _chief_rays(tracer, probes, object_mm)[1]
+        miss = _to_object(tracer, probes, object_mm)[1]
         position = position - np.linalg.solve((miss[1:] - miss[0]).T / _DIFFERENCE_MM, miss[0])
     return position
 
 
-def _chief_rays(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def _to_object(tracer: Tracer, positions: np.ndarray, object_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Directions of chief rays in the scene, (n, 3), and intersections with the object plane, at infinity slopes."""
     table = unbounded(tracer.table)
-    position = np.column_stack([positions, np.full(len(positions), tracer.film_z_mm)])
-    slopes = chief_slopes(table, tracer.stop_row, position)
-    direction = np.column_stack([slopes, np.ones(len(slopes))])
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(len(positions))
-    trace_rays(table, position, direction, alive)
-    direction[alive == 0] = np.nan
+    start = tracer.on_film(positions)
+    slopes = chief_slopes(table, tracer.stop_row, start)
+    towards = np.column_stack([slopes, np.ones(len(slopes))])
+    position, direction, leaves = trace(table, start, towards / np.linalg.norm(towards, axis=1, keepdims=True))
+    direction[~leaves] = np.nan
     slope = direction[:, :2] / direction[:, 2:]
     if math.isinf(object_mm):
         return direction, slope

@@ -20,7 +20,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.frames import VISION_FROM_CAMERA, apply
 from pipeline.optics.first_order import FirstOrder, Pupil, first_order
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import displacements
+from pipeline.optics.table import placed
 from pipeline.optics.windows import MARK, parted
 from pipeline.records.plain import Json
 from pipeline.records.shapes import Float64
@@ -42,19 +42,16 @@ def report(camera: Camera) -> Json:
     depths = [focus.depth_of_field_mm for focus in focus_of_types]
     front_mm = -camera.prescription.vertices_from_stop_mm[0]  # with a narrow stop even points in the lens are sharp
     figures: Json = {
-        "resolution": [sensor.width_px, sensor.height_px],
+        "resolution": list(sensor.size_px),
         "pixel_pitch_mm": sensor.pitch_mm,
         "pixel_acceptance": acceptance,
-        "sensor_mm": [sensor.width_px * sensor.pitch_mm, sensor.height_px * sensor.pitch_mm],
+        "sensor_mm": list(sensor.size_mm),
         "sensor_distance_mm": camera.sensor_distance_mm,
         **({"sensor_tilt_deg": list(sensor.tilt_deg)} if any(sensor.tilt_deg) else {}),
         "lens": _lens(camera, lens, to_sensor),
         "principal_distance_mm": math.inf if lens.entrance_pupil.is_infinite else principal_mm,
         "principal_distance_px": math.inf if lens.entrance_pupil.is_infinite else principal_mm / sensor.pitch_mm,
-        "optical_axis_px": [
-            sensor.offset_x_mm / sensor.pitch_mm + (sensor.width_px - 1) / 2,
-            sensor.offset_y_mm / sensor.pitch_mm + (sensor.height_px - 1) / 2,
-        ],
+        "optical_axis_px": list(sensor.axis_px),
         "field_of_view_deg": field_of_view_deg(camera),
         "depth_of_field_mm": [max(front_mm, min(near for near, _ in depths)), max(far for _, far in depths)],
         "near_far_mm": [camera.near_mm, camera.far_mm],
@@ -126,9 +123,8 @@ def _windows(prescription: Prescription) -> Json:
     windows, lens = parted(prescription)
     if not windows:
         return {}
-    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     stated = []
-    for surface, z_mm, motion in placed:
+    for surface, z_mm, motion in placed(prescription):
         moved = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
         vectors = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
         pose = {name: (vector + 0.0).tolist() for name, vector in vectors.items()}

@@ -123,7 +123,7 @@ def widest_blur_px(camera: Camera) -> float:
     """Blur beyond which a point is not recognisable: the width of the image, or of a micro-image."""
     if camera.microlenses:
         return camera.microlenses.aperture_mm / camera.sensor.pitch_mm
-    return float(max(camera.sensor.width_px, camera.sensor.height_px))
+    return float(max(camera.sensor.size_px))
 
 
 def _fan(lens: FirstOrder) -> np.ndarray:
@@ -182,9 +182,8 @@ def _light(
 
 
 def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float) -> np.ndarray:
-    size = np.array([camera.sensor.width_px, camera.sensor.height_px])
-    inside: np.ndarray = ((x_px > -0.5 - slack_px) & (x_px < size - 0.5 + slack_px)).all(axis=-1)  # type: ignore[assignment]
-    return inside
+    beyond_px = np.maximum(-0.5 - x_px, x_px - np.array(camera.sensor.size_px) + 0.5)
+    return np.asarray((beyond_px < slack_px).all(axis=-1))
 
 
 def behind_microlenses_px(

@@ -13,7 +13,6 @@ from pipeline.camera.pupil.from_stop import WIDE_RAD, pupil_fan
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.camera.wave.spread import (
     intensity,
     saddle_of_light,
@@ -98,46 +97,34 @@ def point_images(
     """
     rig = Rig.of(Tracer(camera if not camera.spectrum else replace(camera, spectrum=())))
     if at_px is None:
-        views = _default_views(rig)
+        positions_mm = _default_positions_mm(rig)
     elif rig.in_image(np.array([at_px]))[0]:
-        position = rig.tracer.positions_mm(*at_px)
-        views = [("as asked", View(position, int(rig.microlens_at(position[None])[0]), math.nan))]
+        positions_mm = {"as asked": rig.tracer.positions_mm(*at_px)}
     else:
         raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
-    return [
-        _point_image(rig, name, _with_object(focused or camera, view, rig, object_mm), wavelength_nm)
-        for name, view in views
-    ]
+    foci, lattice = foci_on_sensor(focused or camera), rig.tracer.lattice
+    images = []
+    for name, position_mm in positions_mm.items():
+        microlens = int(rig.microlens_at(position_mm[None])[0])
+        in_focus = foci[0 if lattice is None else int(lattice.type[microlens])].focus_distance_mm
+        view = View(position_mm, microlens, in_focus if object_mm is None else object_mm)
+        images.append(_point_image(rig, name, view, wavelength_nm))
+    return images
 
 
-def _with_object(camera: Camera, view: View, rig: Rig, object_mm: float | None) -> View:
-    """The view with its object: the one in focus unless one is given."""
-    if object_mm is None:
-        lattice = rig.tracer.lattice
-        object_mm = foci_on_sensor(camera)[
-            0 if lattice is None else int(lattice.type[view.microlens])
-        ].focus_distance_mm
-    return View(view.position_mm, view.microlens, object_mm)
-
-
-def _default_views(rig: Rig) -> list[tuple[str, View]]:
-    """Views that are shown by default, by name."""
+def _default_positions_mm(rig: Rig) -> dict[str, np.ndarray]:
+    """Positions on the sensor of the points that are shown by default, by name."""
     if rig.images is not None:
-        return [
-            (f"microlens type {kind}", View(np.array([x, y]), row, math.nan))
-            for kind, (x, y, row) in enumerate(rig.middles)
-        ]
+        return {f"microlens type {kind}": np.array([x, y]) for kind, (x, y, _) in enumerate(rig.middles)}
     tracer = rig.tracer
-    corner = rig.tracer.camera.sensor.farthest_corner_mm
+    corner = tracer.camera.sensor.farthest_corner_mm
     ends = tracer.on_film(np.stack([np.zeros(2), corner]))
     reach = lit_share(tracer.table, tracer.stop_row, *ends)
     edge, share = ("corner", 1.0) if reach == 1 else ("rim of the image circle", _RIM * reach)
     if pupil_fan(tracer.camera.prescription).is_wide:
         edge, share = _last_in_planes(tracer, ends, edge, share)
-    words = ("on the axis", "0.7 of the field", edge)
-    return [
-        (name, View(field * share * corner, NO_MICROLENS, math.nan)) for name, field in zip(words, FIELDS, strict=True)
-    ]
+    names = ("on the axis", "0.7 of the field", edge)
+    return {name: field * share * corner for name, field in zip(names, FIELDS, strict=True)}
 
 
 def _last_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -> tuple[str, float]:
@@ -149,11 +136,9 @@ def _last_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -
     direction = chief_directions(tracer, (ends[0] + shares[:, None] * (ends[1] - ends[0]))[:, :2])
     meets = direction[:, 2] > np.cos(_STEEPEST_RAD)
     last = int(np.flatnonzero(meets).max(initial=0))
-    return (
-        (edge, share)
-        if last == _TRIED - 1
-        else (f"{math.degrees(_STEEPEST_RAD):.0f} degrees off the axis", shares[last])
-    )
+    if last == _TRIED - 1:
+        return edge, share
+    return f"{math.degrees(_STEEPEST_RAD):.0f} degrees off the axis", shares[last]
 
 
 def _point_image(rig: Rig, name: str, view: View, wavelength_nm: float) -> PointImage:

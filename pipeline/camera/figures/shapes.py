@@ -10,9 +10,10 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.from_stop import WIDE_RAD
 from pipeline.camera.pupil.outlines import lit_share
 from pipeline.camera.tracer import Tracer
-from pipeline.optics.kernels import trace_rays
+from pipeline.optics.kernels import trace_path
 from pipeline.optics.prescription import Prescription
-from pipeline.optics.table import SEMI_DIAMETER_SQUARED, VERTEX, displacements, towards_scene
+from pipeline.optics.rays import Traced, directions_to
+from pipeline.optics.table import SEMI_DIAMETER_SQUARED, placed, towards_scene
 from pipeline.records.shapes import Float64
 
 _PROFILE = 13
@@ -56,9 +57,8 @@ class RayFan:
 
 def surface_shapes(prescription: Prescription) -> tuple[SurfaceShape, ...]:
     """All surfaces from the scene to the sensor."""
-    placed = zip(prescription.surfaces, prescription.vertices_from_stop_mm, displacements(prescription), strict=True)
     shapes = []
-    for surface, vertex, motion in placed:
+    for surface, vertex, motion in placed(prescription):
         heights = np.linspace(0.0, surface.semi_diameter_mm, _PROFILE).tolist()
         moved = np.eye(4) if motion is None else _TURN @ motion @ _TURN
         shapes.append(
@@ -113,38 +113,29 @@ def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, floa
     for count in (_ACROSS, _FINE):  # the finer one where no ray of the other passes
         u = np.linspace(-radius, radius, count)
         aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
-        if _traced(table, start_mm, aim)[2].any():
+        if _traced(table, start_mm, aim)[1].passes.any():
             break
     for _ in range(2):  # again within what passed: a narrow stop lets few rays through
-        points, direction, alive = _traced(table, start_mm, aim)
-        if not alive.any():
+        passes = _traced(table, start_mm, aim)[1].passes
+        if not passes.any():
             return ()
-        low, high = aim[alive].min(axis=0), aim[alive].max(axis=0)
+        low, high = aim[passes].min(axis=0), aim[passes].max(axis=0)
         step = (aim[:, 0].max() - aim[:, 0].min()) / (math.isqrt(len(aim)) - 1)
         across = [np.linspace(low[i] - 0.6 * step, high[i] + 0.6 * step, _ACROSS) for i in (0, 1)]
         aim = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
-    points, direction, alive = _traced(table, start_mm, aim)
+    points, (exit_point, direction, passes) = _traced(table, start_mm, aim)
     focus = middle_focus(camera)
     reach = 1.15 * focus if math.isfinite(focus) else 20.0 * camera.sensor_distance_mm
     ahead = direction[:, 2]
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
     is_steep = ahead < math.cos(WIDE_RAD)  # it meets that plane far away or nowhere
-    length = np.where(is_steep, reach - front_mm, (reach - points[-1][:, 2]) / np.where(is_steep, 1.0, ahead))
-    end = points[-1] + direction * length[:, None]
-    paths = np.round(np.stack([*points, end], axis=1)[alive], 3)
+    length = np.where(is_steep, reach - front_mm, (reach - exit_point[:, 2]) / np.where(is_steep, 1.0, ahead))
+    end = exit_point + direction * length[:, None]
+    paths = np.round(np.stack([*points, end], axis=1)[passes], 3)
     return tuple(tuple((p[0], p[1], p[2]) for p in path) for path in paths.tolist())
 
 
-def _traced(
-    table: np.ndarray, start_mm: np.ndarray, aim: np.ndarray
-) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """Points on all surfaces, from the start on; directions in the scene; whether each ray passed."""
-    position = np.tile(start_mm, (len(aim), 1))
-    direction = np.column_stack([aim, np.full(len(aim), table[0, VERTEX])]) - position
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(len(aim))
-    points = [position.copy()]
-    for row in range(len(table)):
-        trace_rays(table[row : row + 1], position, direction, alive)
-        points.append(position.copy())
-    return points, direction, alive > 0
+def _traced(table: np.ndarray, start_mm: np.ndarray, aim: np.ndarray) -> tuple[np.ndarray, Traced]:
+    """The rays from a point towards aims on the rear vertex plane, as from `trace_path`."""
+    starts = np.tile(start_mm, (len(aim), 1))
+    return trace_path(table, starts, directions_to(table, starts, aim))

@@ -116,9 +116,8 @@ def _stretch(
 def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
     """Rows of the microlenses whose light may fall onto the image."""
     sensor = tracer.camera.sensor
-    size = np.array([sensor.width_px, sensor.height_px])
     centre = tracer.pixels_at(images.centre_mm)
-    off = centre - np.clip(centre, -0.5, size - 0.5)
+    off = centre - np.clip(centre, -0.5, np.array(sensor.size_px) - 0.5)
     return np.flatnonzero(np.hypot(*off.T) * sensor.pitch_mm <= images.reach_mm)
 
 

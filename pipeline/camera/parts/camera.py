@@ -77,6 +77,12 @@ class Sensor:
         return self.width_px * self.pitch_mm, self.height_px * self.pitch_mm
 
     @property
+    def axis_px(self) -> tuple[float, float]:
+        """Image position at which the optical axis meets the sensor."""
+        x_px, y_px = self.offset_x_mm / self.pitch_mm, self.offset_y_mm / self.pitch_mm
+        return x_px + (self.width_px - 1) / 2, y_px + (self.height_px - 1) / 2
+
+    @property
     def farthest_corner_mm(self) -> np.ndarray:
         """The corner that is farthest from the axis, vision frame (2,)."""
         middle = np.array([self.offset_x_mm, self.offset_y_mm])

@@ -12,7 +12,8 @@ import numpy as np
 from pipeline.camera.boundary import halved
 from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import apply, inverse
-from pipeline.optics.kernels import trace_rays
+from pipeline.optics.kernels import trace
+from pipeline.optics.rays import Traced, directions_to, traced
 from pipeline.optics.table import ENTRY, VERTEX, is_centred, motion_of, unbounded
 from pipeline.records.shapes import Float64
 
@@ -103,6 +104,14 @@ def chief_crossings(
     return np.where((_length(miss) < _ACCEPTED_MM)[:, None], crossing, np.nan)
 
 
+def chief_rays(
+    table: Float64[np.ndarray, "surfaces columns"], stop_row: int, points_mm: Float64[np.ndarray, "n 3"]
+) -> Traced:
+    """The chief rays of points behind the lens where they leave it, apertures ignored; NaN: there is none."""
+    towards = directions_to(table, points_mm, chief_crossings(table, stop_row, points_mm))
+    return traced(unbounded(table), points_mm, towards)
+
+
 def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The best of a few crossings to start from, and its miss of the centre of the stop."""
     crossing = np.zeros((len(points), 2))
@@ -117,14 +126,9 @@ def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np
 
 def _stop_miss(rear: np.ndarray, points: np.ndarray, crossings: np.ndarray) -> np.ndarray:
     """Hits on the stop, from its centre, of rays through points and crossings of the rear vertex plane; NaN: a miss."""
-    aim = np.concatenate([crossings, np.full((len(crossings), 1), rear[0, VERTEX])], axis=1)
-    position = points.copy()
-    direction = aim - points
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(len(points))
-    trace_rays(rear, position, direction, alive)
+    position, _, passes = trace(rear, points, directions_to(rear, points, crossings))
     on_stop = apply(inverse(motion_of(rear[-1])), position)[:, :2]
-    return np.where(alive[:, None] > 0, on_stop, np.nan)
+    return np.where(passes[:, None], on_stop, np.nan)
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:

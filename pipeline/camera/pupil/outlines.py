@@ -21,13 +21,13 @@ import numpy as np
 
 from pipeline.camera.boundary import even_angles, halved, inner_points, unit_vectors
 from pipeline.camera.pupil.chief_ray import chief_crossings, chief_heights
-from pipeline.optics.kernels import trace_rays
+from pipeline.optics.kernels import trace
 from pipeline.optics.prescription import Prescription
+from pipeline.optics.rays import directions_to
 from pipeline.optics.table import (
     ENTRY,
     SEMI_DIAMETER_SQUARED,
     UPRIGHT,
-    VERTEX,
     Film,
     enclosing,
     motion_of,
@@ -124,13 +124,9 @@ def passes(
     points: Float64[np.ndarray, "... 2"],
 ) -> np.ndarray:
     """Whether the ray from each start (..., 3) through each point (..., 2) of the rear vertex plane leaves the lens."""
-    aim = np.concatenate([points, np.full((*points.shape[:-1], 1), table[0, VERTEX])], axis=-1)
-    direction = aim - starts
-    direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
-    alive = np.ones(direction.shape[:-1])
-    start = np.array(np.broadcast_to(starts, direction.shape))
-    trace_rays(table, start.reshape(-1, 3), direction.reshape(-1, 3), alive.reshape(-1))
-    return alive > 0
+    direction = directions_to(table, starts, points)
+    start = np.broadcast_to(starts, direction.shape)
+    return trace(table, start.reshape(-1, 3), direction.reshape(-1, 3)).passes.reshape(direction.shape[:-1])
 
 
 def passing_points(

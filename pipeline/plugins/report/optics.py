@@ -89,7 +89,7 @@ def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
         for axis, name in enumerate("xy"):
             waves = np.exp(2j * np.pi * np.outer(frequency, shown[:, axis]))
             contrast = np.abs(waves @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
-            lines.append(Line(name=f"{field.place}, {name}", y=drawn(contrast), is_dashed=axis == 1))
+            lines.append(Line(name=f"{field.name}, {name}", y=drawn(contrast), is_dashed=axis == 1))
     remark = "of the rays of one position in focus: without diffraction and without the pixel's own size"
     return Chart(
         title="Geometric MTF",

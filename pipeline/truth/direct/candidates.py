@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pipeline.camera.frozen_pupils import by_x
 from pipeline.camera.integrating.quadrature import single_hits
 from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby, vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
@@ -25,8 +26,8 @@ from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.frames import apply
 from pipeline.frames import inverse as inverse_transform
 from pipeline.optics.first_order import first_order
-from pipeline.optics.kernels import trace_rays
-from pipeline.optics.rays import traced
+from pipeline.optics.kernels import trace
+from pipeline.optics.rays import Traced, traced
 from pipeline.optics.table import SEMI_DIAMETER_SQUARED, enclosing, motion_of, towards_sensor, unbounded
 from pipeline.records.shapes import Float64, Int64
 
@@ -149,10 +150,8 @@ def _footprint(
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
 
 
-def _sent(
-    table: np.ndarray, point_mm: np.ndarray, aim: np.ndarray, *, is_steep: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rays from a point towards aims, behind the lens, (n, 3) each, lens frame, and which pass, (n,) bool.
+def _sent(table: np.ndarray, point_mm: np.ndarray, aim: np.ndarray, *, is_steep: bool) -> Traced:
+    """Rays from a point towards aims, behind the lens, lens frame.
 
     They leave the point forwards, or towards their aims if the point is steep.
     """
@@ -160,9 +159,7 @@ def _sent(
     direction = aim - position
     ahead = 1.0 if is_steep else np.sign(direction[:, 2:])
     direction *= ahead / np.linalg.norm(direction, axis=1, keepdims=True)
-    alive = np.ones(len(aim))
-    trace_rays(table, position, direction, alive)
-    return position, direction, alive > 0
+    return trace(table, position, direction)
 
 
 def _about(aim: np.ndarray, passed: np.ndarray) -> np.ndarray | None:
@@ -260,11 +257,7 @@ def chief_jacobian(
     planes: Float64[np.ndarray, "n 4 3"],
 ) -> np.ndarray:
     """Jacobian of the hits of chief rays by image position, (n, 2, 2) [mm per px]; NaN without a chief ray."""
-    change = [
-        _chief_hits(tracer, microlens, x_px + step, planes) - _chief_hits(tracer, microlens, x_px - step, planes)
-        for step in _DIFFERENCE_PX * np.eye(2)
-    ]
-    return np.stack(change, axis=2) / (2 * _DIFFERENCE_PX)
+    return by_x(lambda x: _chief_hits(tracer, microlens, x, planes), x_px, _DIFFERENCE_PX)
 
 
 def _chief_hits(tracer: Tracer, microlens: np.ndarray, x_px: np.ndarray, planes: np.ndarray) -> np.ndarray:

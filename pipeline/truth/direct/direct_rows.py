@@ -13,13 +13,11 @@ import numpy as np
 from pipeline.camera.frozen_pupils import FrozenPupils, by_x
 from pipeline.camera.integrals import LEVELS, Bundles, integrals
 from pipeline.camera.integrating.quadrature import STEADY
-from pipeline.camera.pupil.chief_ray import chief_crossings
+from pipeline.camera.pupil.chief_ray import chief_rays
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT
-from pipeline.optics.rays import traced
-from pipeline.optics.table import VERTEX, unbounded
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
@@ -73,10 +71,7 @@ def planes_of_rays(rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[
     if rig.images is not None or not pupil_fan(prescription).is_wide:
         return np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
     start = tracer.on_film(tracer.positions_mm(*x_px.T))
-    crossing = chief_crossings(tracer.table, tracer.stop_row, start)
-    direction = np.column_stack([crossing, np.full(len(start), tracer.table[0, VERTEX])]) - start
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    exit_point, direction, _ = traced(unbounded(tracer.table), start, direction)
+    exit_point, direction, _ = chief_rays(tracer.table, tracer.stop_row, start)
     ahead_mm = np.array(planes_mm) + prescription.vertices_from_stop_mm[0]
     origins = exit_point[:, None] + ahead_mm[:, None] * direction[:, None]
     return np.concatenate([origins[:, :, None], np.repeat(axes_across(direction)[:, None], 2, axis=1)], axis=2)
@@ -105,15 +100,13 @@ def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
     """Image positions by intersections with the near plane, (n, 2, 2) [px per mm], by chief rays or, without, by J."""
     jacobian = chief_jacobian(rig.tracer, bundles.microlens, bundles.x_px, bundles.planes[:, 0])
     lacking = np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2)))
-    for axis in range(2 if len(lacking) else 0):
-        step = _DIFFERENCE_PX * np.eye(2)[axis]
-        dark = bundles.only(lacking)
-        ends = (
-            integrals(rig.tracer, Bundles(dark.x_px + sign * step, dark.microlens, dark.planes, rig.square_px), 0)
-            for sign in (1, -1)
-        )
-        plus, minus = (integral.moments[:, :2] for integral in ends)
-        jacobian[lacking, :, axis] = (plus - minus) / (2 * _DIFFERENCE_PX)
+    if len(lacking):
+        blind = bundles.only(lacking)
+
+        def mean_at(x_px: np.ndarray) -> np.ndarray:
+            return integrals(rig.tracer, dataclasses.replace(blind, x_px=x_px), 0).moments[:, :2]
+
+        jacobian[lacking] = by_x(mean_at, blind.x_px, _DIFFERENCE_PX)
     return inverse(jacobian)
 
 
