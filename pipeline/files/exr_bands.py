@@ -10,6 +10,7 @@ it as a referee.
 """
 
 import io
+import math
 import struct
 import zlib
 from collections.abc import Callable, Iterator
@@ -21,7 +22,7 @@ import numpy as np
 
 from pipeline.files.exr import CRC, RESERVED, TILE_PX, Part, write_exr
 
-MAGIC, MULTIPART = b"v/1\x01", 0x1000
+_MAGIC, _MULTIPART = b"v/1\x01", 0x1000
 _LONGEST = 1 << 20
 """Longest header [bytes]: ours have a few hundred."""
 Rows = Callable[[int, int], np.ndarray]
@@ -34,68 +35,24 @@ _PROBED_BYTES = 1 << 16
 """Size of a test write [bytes] that shows whether the disk is full."""
 _POLYNOMIAL, _ONE, _BYTE = 0xEDB88320, 1 << 31, 1 << 23
 """CRC-32 (ISO-HDLC) arithmetic over GF(2), bit-reversed: x^32 reduced by the generator polynomial; x^0; x^8."""
+Header = dict[str, tuple[str, bytes]]
+"""Attributes of a part by name, each with its type and value as bytes, in the order of the file."""
 
 
 class UnknownLayout(ValueError):
     """The bytes are not a file with this layout, or end too early."""
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
-    """Header of a part: attributes by name, each with its type and value as bytes, in the order of the file."""
-
-    attributes: dict[str, tuple[str, bytes]]
-
-    @property
-    def texts(self) -> dict[str, str]:
-        """Text attributes."""
-        return {name: value.decode() for name, (kind, value) in self.attributes.items() if kind == "string"}
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width [px]."""
-        left, top, right, bottom = struct.unpack("<4i", self._value("dataWindow", "box2i"))
-        if not 0 <= right - left < 1 << 30 or not 0 <= bottom - top < 1 << 30:
-            raise UnknownLayout("a part without pixels")
-        return bottom - top + 1, right - left + 1
-
-    @property
-    def tile_px(self) -> int:
-        """Edge of the square tiles."""
-        across, down, _ = struct.unpack("<IIB", self._value("tiles", "tiledesc"))
-        if across != down or not 0 < across <= 1 << 12:
-            raise UnknownLayout(f"tiles of {across} x {down} pixels")
-        return int(across)
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Rows and columns of tiles."""
-        height, width = self.shape
-        return -(-height // self.tile_px), -(-width // self.tile_px)
-
-    def having(self, **values: bytes) -> "Header":
-        """The same header with other values for some of its attributes."""
-        return Header({name: (kind, values.get(name, value)) for name, (kind, value) in self.attributes.items()})
-
-    def _value(self, name: str, kind: str) -> bytes:
-        stored, value = self.attributes.get(name, ("", b""))
-        if stored != kind:
-            raise UnknownLayout(f"no attribute {name} of type {kind}")
-        return value
-
-
-def read_headers(stream: BinaryIO) -> list[Header]:
+def _read_headers(stream: BinaryIO) -> list[Header]:
     """Headers of a file; afterwards the stream is at the tables of offsets."""
-    magic, version = stream.read(4), stream.read(4)
-    if magic != MAGIC or len(version) < 4:
+    magic, version = _exactly(stream, 4), _exactly(stream, 4)
+    if magic != _MAGIC:
         raise UnknownLayout("not an OpenEXR file")
-    data = stream.read(_LONGEST)
-    many = bool(struct.unpack("<I", version)[0] & MULTIPART)
-    taken = io.BytesIO(data)
-    headers = [_header(taken)]
-    while many and (following := _header(taken)).attributes:
+    data = io.BytesIO(stream.read(_LONGEST))
+    headers = [_header(data)]
+    while struct.unpack("<I", version)[0] & _MULTIPART and (following := _header(data)):
         headers.append(following)
-    stream.seek(8 + taken.tell())
+    stream.seek(8 + data.tell())
     return headers
 
 
@@ -103,16 +60,16 @@ def _header(stream: io.BytesIO) -> Header:
     attributes = {}
     while name := _name(stream):
         kind = _name(stream)
-        size = struct.unpack("<i", _exactly(stream, 4))[0]
-        attributes[name.decode()] = kind.decode(), _exactly(stream, size)
-    return Header(attributes)
+        (size,) = struct.unpack("<i", _exactly(stream, 4))
+        attributes[name] = kind, _exactly(stream, size)
+    return attributes
 
 
-def _name(stream: io.BytesIO) -> bytes:
+def _name(stream: io.BytesIO) -> str:
     name = bytearray()
     while (byte := _exactly(stream, 1)) != b"\0":
         name += byte
-    return bytes(name)
+    return name.decode()
 
 
 def _exactly(stream: BinaryIO, size: int) -> bytes:
@@ -122,14 +79,9 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-def tile_at(stream: BinaryIO, offset: int, part: int | None) -> tuple[tuple[int, int], bytes]:
-    """Column and row of the tile at an offset, and its compressed pixels; `part` is None in a single-part file."""
-    stream.seek(offset)
-    stored_part = None if part is None else struct.unpack("<i", _exactly(stream, 4))[0]
-    column, row, *level, size = struct.unpack("<5i", _exactly(stream, 20))
-    if stored_part != part or level != [0, 0]:
-        raise UnknownLayout("a tile of another part")
-    return (column, row), _exactly(stream, size)
+def _having(header: Header, **values: bytes) -> Header:
+    """The same header with other values for some of its attributes."""
+    return {name: (kind, values.get(name, value)) for name, (kind, value) in header.items()}
 
 
 def _box(shape: tuple[int, int]) -> bytes:
@@ -137,11 +89,16 @@ def _box(shape: tuple[int, int]) -> bytes:
     return struct.pack("<4i", 0, 0, shape[1] - 1, shape[0] - 1)
 
 
+def _grid(shape: tuple[int, int]) -> tuple[int, int]:
+    """Rows and columns of tiles."""
+    return -(-shape[0] // TILE_PX), -(-shape[1] // TILE_PX)
+
+
 def _head(headers: list[Header], tables: list[np.ndarray]) -> bytes:
     """Bytes of everything before the chunks: headers and tables of offsets."""
-    result = [MAGIC, struct.pack("<I", 2 | (MULTIPART if len(headers) > 1 else 0x200))]
+    result = [_MAGIC, struct.pack("<I", 2 | (_MULTIPART if len(headers) > 1 else 0x200))]
     for header in headers:
-        for name, (kind, value) in header.attributes.items():
+        for name, (kind, value) in header.items():
             result += [name.encode(), b"\0", kind.encode(), b"\0", struct.pack("<i", len(value)), value]
         result.append(b"\0")
     return b"".join([*result, b"\0" if len(headers) > 1 else b"", *(table.tobytes() for table in tables)])
@@ -164,7 +121,7 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
     band_file = path.with_name(f"{path.name}.band")
     try:
         headers = _headers(band_file, parts)
-        tables = [np.zeros(header.grid, "<u8") for header in headers]
+        tables = [np.zeros(_grid(part.shape), "<u8") for part in parts]
         with path.open("wb") as stream:
             stream.write(_head(headers, tables))
             for number, part in enumerate(parts):
@@ -174,8 +131,9 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
                     for channel in crcs:
                         crcs[channel] = zlib.crc32(band.channels[channel].data, crcs[channel])
                     write_exr(band_file, [band])
-                    _append(stream, band_file, tables[number], first // TILE_PX, at)
-                headers[number] = headers[number].having(**{CRC: _content_crc(part, headers[number], crcs)})
+                    above = first // TILE_PX
+                    _append(stream, band_file, tables[number][above : above + _grid(band.shape)[0]], above, at)
+                headers[number] = _having(headers[number], **{CRC: _content_crc(part, headers[number], crcs)})
             stream.seek(0)
             stream.write(_head(headers, tables))
     except UnknownLayout:  # OpenEXR drops the error of a full disk when it closes a file: whoever writes gets it
@@ -192,12 +150,13 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
     small = [Part(name=p.name, channels=dict.fromkeys(p.channels, pixel), attributes=p.attributes) for p in parts]
     write_exr(scratch, small)
     with scratch.open("rb") as stream:
-        headers = read_headers(stream)
+        headers = _read_headers(stream)
     display = _box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
-    sized = [
-        header.having(dataWindow=_box(p.shape), displayWindow=display) for header, p in zip(headers, parts, strict=True)
+    chunks = [struct.pack("<i", math.prod(_grid(part.shape))) for part in parts]
+    return [
+        _having(header, dataWindow=_box(part.shape), displayWindow=display, chunkCount=count)
+        for header, part, count in zip(headers, parts, chunks, strict=True)
     ]
-    return [header.having(chunkCount=struct.pack("<i", header.grid[0] * header.grid[1])) for header in sized]
 
 
 def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
@@ -214,20 +173,21 @@ def _bands(part: BandedPart) -> Iterator[tuple[int, Part]]:
 
 
 def _append(stream: BinaryIO, band_file: Path, table: np.ndarray, above: int, part: int | None) -> None:
-    """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions."""
+    """Append the tiles of a band, below `above` rows of tiles, to a file, and note their positions in its table."""
     with band_file.open("rb") as band:
-        (header,) = read_headers(band)
-        offsets = np.frombuffer(band.read(8 * header.grid[0] * header.grid[1]), "<u8")
-        for offset in offsets:
-            (column, row), data = tile_at(band, int(offset), None)
-            table[above + row, column] = stream.tell()
+        _read_headers(band)
+        for offset in np.frombuffer(_exactly(band, table.nbytes), "<u8"):
+            band.seek(int(offset))
+            column, row, *level, size = struct.unpack("<5i", _exactly(band, 20))
+            table[row, column] = stream.tell()
             stream.write(b"" if part is None else struct.pack("<i", part))
-            stream.write(struct.pack("<5i", column, above + row, 0, 0, len(data)) + data)
+            stream.write(struct.pack("<5i", column, above + row, *level, size) + _exactly(band, size))
 
 
 def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> bytes:
     """The checksum of `exr`, over the channels one after the other, from the checksum of each."""
-    texts = sorted((name, text) for name, text in header.texts.items() if name not in RESERVED)
+    strings = ((name, value) for name, (kind, value) in header.items() if kind == "string")
+    texts = sorted((name, value.decode()) for name, value in strings if name not in RESERVED)
     checksum = zlib.crc32(repr((part.name, texts)).encode())
     for channel, crc in crcs.items():
         checksum = zlib.crc32(f"{channel} {part.shape}".encode(), checksum)

@@ -259,7 +259,7 @@ def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:
     return flux / rig.tracer.reference_weight_sr
 
 
-def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray:
+def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.ndarray:
     """The white image and its part through microlenses other than that of the pixel's cell, by wavelength.
 
     `samples`: as in `irradiance_and_crosstalk`, of all wavelengths together.
@@ -267,15 +267,15 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None, column
         `in_all` sums them up.
     """
     shared = _shared(rig.tracer, batch_of(samples))
-    parts = [irradiance_and_crosstalk(in_light, shared, None, rows, columns) for in_light in rig.in_each_light]
+    parts = [irradiance_and_crosstalk(in_light, shared, None, rows) for in_light in rig.in_each_light]
     return np.stack([np.stack(part) for part in parts], axis=-1)
 
 
-def known_white_parts(rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> np.ndarray | None:
+def known_white_parts(rig: Rig, rows: Rows | None = None) -> np.ndarray | None:
     """The arrays of `white_parts` by quadrature, without noise; None where `known_flux` is None."""
     parts = []
     for in_light in rig.in_each_light:
-        band = Band.of(in_light, rows, columns)
+        band = Band.of(in_light, rows)
         flux = known_flux(band)
         if flux is None:
             return None
