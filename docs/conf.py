@@ -33,6 +33,7 @@ include_patterns = [
         "benchmarks/README.md",
     ),
     "pipeline/optics/glass/README.md",
+    "pipeline/plugins/lenses/README.md",
 ]
 exclude_patterns = [".*", "build", "dist", "web", "docs/report", "tests/data"]
 

@@ -1,9 +1,10 @@
 """Export formats: the record that describes a format, and the discovery of formats in all installed packages.
 
 A format is a module with `FORMAT`, a `Format`, and `write(material, folder)`, which lays out an
-`exports.material.Material` as files. An entry point of the group `plenoptic_pipeline.formats` names it, in this package
-or in another. A stage that asks for an export is checked, and its tasks are planned, before there is any result; so a
-format derives its file names from the names of cameras and frames alone. docs/export_format.md writes one.
+`exports.material.Material` as files; its `central_model(camera, models)`, if it has one, replaces that of
+`exports.central`. An entry point of the group `plenoptic_pipeline.formats` names it, in this package or in another. A
+stage that asks for an export is checked, and its tasks are planned, before there is any result; so a format derives its
+file names from the names of cameras and frames alone. docs/export_format.md writes one.
 
 Our own conventions are those of CONVENTIONS.md: the centre of the top-left pixel is (0, 0), x right, y down; mm; poses
 from the target, whose frame has its origin in the middle, x right, y up, z towards the viewer.
@@ -199,7 +200,6 @@ class Format(Convention):
     targets: Targets = Targets.ANY
     reads: frozenset[Reads] = frozenset({Reads.CORNERS})
     models: tuple[str, ...] = ()  # models of `pipeline fit` that it knows besides the pinhole, the simplest first
-    has_windshield: bool = False  # whether it knows windows before a camera beside that model
     least_cameras: int = 1  # fewest cameras, or channels of one, that it relates to each other
 
     def takes(self, is_plenoptic: bool) -> bool:

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 
 from pipeline import formats
-from pipeline.exports.material import ExportCamera, ExportTarget, ExportView, Material, StatedPose
+from pipeline.exports.material import (
+    CentralModel,
+    ExportCamera,
+    ExportTarget,
+    ExportView,
+    Material,
+    StatedPose,
+)
 from pipeline.exports.micro_images import MicroImageGrid, micro_image_grid, retyped
 from pipeline.exports.noise import Noise
 from pipeline.files.jsonfile import write_json
@@ -19,6 +26,8 @@ from pipeline.formats import Board, CameraAxes, Centre, Convention, Format, Micr
 from pipeline.frames import apply, inverse, rigid, rotation_vector
 from pipeline.results.records import BuiltPinhole
 
+ModelOf = Callable[[ExportCamera, tuple[str, ...]], CentralModel]
+"""The central model of a camera, from the names of the models that a format knows."""
 _AXES = {
     Board.OURS: np.eye(3),
     Board.NONE: np.eye(3),
@@ -38,7 +47,7 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     """
     module = formats.module_of(name)
     record: Format = module.FORMAT
-    material = with_central_models(material, record)
+    material = with_central_models(material, record, getattr(module, "central_model", None))
     module.write(converted(material, record), folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
@@ -55,7 +64,7 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)
-    not_conventions = ("cameras", "least_cameras", "targets", "reads", "files", "models", "has_windshield")
+    not_conventions = ("cameras", "least_cameras", "targets", "reads", "files", "models")
     conventions = {name: str(value) for name, value in asdict(record).items() if name not in not_conventions}
     write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
     plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
@@ -80,25 +89,20 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
     return pinholes
 
 
-def with_central_models(material: Material, record: Format) -> Material:
+def with_central_models(material: Material, record: Format, model_of: ModelOf | None = None) -> Material:
     """A material with the central models of its cameras, and with poses to their centres, if a format states these, or
     knows models for cameras that no pinhole fits.
 
+    `model_of`: by default `central.central_model`.
     Raises ExportError: none fits a camera.
     """
     is_needed = {camera.name: record.centre is Centre.CENTRAL or not camera.pinhole for camera in material.cameras}
     if not record.models or not any(is_needed.values()):
         return material
-    from pipeline.exports.central import central_model  # both load the tracer
-    from pipeline.exports.windshield import windshield_model
+    from pipeline.exports.central import central_model  # loads the tracer
 
-    of_cameras = [camera for camera in material.cameras if is_needed[camera.name]]
-    models = {}
-    for camera in of_cameras:
-        if record.has_windshield and "windows" in camera.built.record["lens"]:
-            models[camera.name] = windshield_model(camera, ("brown", *record.models))
-        else:
-            models[camera.name] = central_model(camera, record.models)
+    of_camera = model_of or central_model
+    models = {camera.name: of_camera(camera, record.models) for camera in material.cameras if is_needed[camera.name]}
     views = []
     for view in material.views:
         if view.camera not in models:

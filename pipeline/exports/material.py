@@ -92,17 +92,6 @@ class StatedPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Windshield:
-    """Windows before a camera as NCore has them; `windshield` makes it and says what its polynomials are of."""
-
-    polynomials: dict[str, np.ndarray]  # (21,) each, by the names of NCore
-    planes_mm: tuple[float, float]  # vision z of the planes on which residuals hold
-    lens_rms_px: float  # residual of the lens without its windows
-    inverse_max_px: float  # largest residual where the inverse polynomials, and then the others, lead
-    infinity_max_px: float  # largest residual of points far away, for which nothing is fitted
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class CentralModel:
     """A projection through one centre that stands for the whole image of a camera; `central` makes it."""
 
@@ -115,7 +104,6 @@ class CentralModel:
     rms_px: float
     max_px: float
     widest_deg: float | None = None  # largest angle of these rays with the axis; None of a pinhole
-    windshield: Windshield | None = None  # windows before it, of formats that know them, with the residual of both
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,10 +1,10 @@
-"""NumPy's own files, for arrays between tasks."""
+"""NumPy's own files: arrays between tasks, and archives for users."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from tokenize import TokenError
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.lib import format as npy
@@ -21,6 +21,12 @@ def write_npy(path: str | Path, array: np.ndarray) -> None:
     with Path(path).open("wb") as stream:
         npy.write_array_header_1_0(stream, npy.header_data_from_array_1_0(rows_first))
         stream.write(rows_first.data)
+
+
+def write_npz(path: Path, remarks: Iterable[str], arrays: Mapping[str, Any]) -> None:
+    """Write arrays without pickles, after remarks; `np.load` opens them."""
+    with path.open("wb") as stream:
+        np.savez(stream, remarks=np.array(tuple(remarks)), **arrays)
 
 
 def append_npy(path: Path, rows: np.ndarray, count: Callable[[], int]) -> None:

@@ -17,7 +17,7 @@ from pipeline.spelling import did_you_mean
 if TYPE_CHECKING:
     import pandas
 
-_INSTALL = 'python -m pip install "plenoptic-pipeline[frames]"'
+INSTALL_FRAMES = 'python -m pip install "plenoptic-pipeline[frames]"'
 MICROLENS = frozenset({"microlens_k", "microlens_l", "microlens_type"})
 """Columns without values for a conventional camera."""
 _TEXTS = frozenset({"camera", "channel", "second_camera", "target", "method"})
@@ -35,21 +35,8 @@ def as_pandas(rows: np.ndarray) -> "pandas.DataFrame":
     try:
         import pandas
     except ImportError:
-        raise UsageError("pandas is not installed", hint=_INSTALL) from None
+        raise UsageError("pandas is not installed", hint=INSTALL_FRAMES) from None
     return pandas.DataFrame({name: rows[name] for name in rows.dtype.names or ()})
-
-
-def write_parquet(path: Path, rows: np.ndarray, remarks: Sequence[str]) -> None:
-    """Write rows as Parquet; remarks become metadata, `attrs` of the data frame.
-
-    Raises UsageError: pandas or pyarrow is not installed.
-    """
-    frame = as_pandas(rows)
-    frame.attrs["remarks"] = list(remarks)
-    try:
-        frame.to_parquet(path, engine="pyarrow", index=False)
-    except ImportError:
-        raise UsageError("pyarrow is not installed", hint=_INSTALL) from None
 
 
 def _column(table: Table, name: str) -> np.ndarray:

@@ -90,9 +90,9 @@ def _table() -> list[dict[str, str]]:
     return rows_of("catalogue.csv.gz")
 
 
-def rows_of(table: str) -> list[dict[str, str]]:
-    """Rows of a table that ships beside this module."""
-    with gzip.open(Path(__file__).with_name(table), "rt", encoding="utf-8", newline="") as stream:
+def rows_of(table: str, beside: str = __file__) -> list[dict[str, str]]:
+    """Rows of a table that ships beside a module, by default this one."""
+    with gzip.open(Path(beside).with_name(table), "rt", encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.filestorage import yaml_real
 from pipeline.exports.material import ExportCamera, ExportTarget, Material
 from pipeline.files.tables import write_table
 from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Reads, Rotation, Targets, Unit
 from pipeline.motion import Shutter
+from pipeline.plugins.formats.filestorage import yaml_real
 
 FORMAT = Format(
     consumer="Kalibr",

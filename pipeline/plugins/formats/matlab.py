@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_mat
 from pipeline.exports.material import ExportCamera, ExportView, Material
 from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Rotation, Targets, Unit
 from pipeline.frames import apply
+from pipeline.plugins.formats.filestorage import write_mat
 
 FORMAT = Format(
     consumer="MATLAB R2022b and later, Computer Vision Toolbox: cameraParameters",

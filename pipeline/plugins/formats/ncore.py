@@ -4,7 +4,10 @@ NCore keeps poses and images in stores of its own, which its data converters wri
 """
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.exports.material import CentralModel, ExportCamera, Material
 from pipeline.files.jsonfile import Json, write_json
@@ -20,11 +23,38 @@ FORMAT = Format(
     origin=Origin.HALF,
     centre=Centre.CENTRAL,
     models=("fisheye", "rational"),
-    has_windshield=True,
 )
 
 _BEYOND = 1.01
 """Largest projected angle over that of the rays of the image [1]: the rays of its corners have to pass."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Windshield:
+    """Windows before a camera as polynomials of angles."""
+
+    polynomials: dict[str, np.ndarray]  # (21,) each, by the names of NCore
+    planes_mm: tuple[float, float]  # vision z of the planes on which residuals hold
+    lens_rms_px: float  # residual of the lens without its windows
+    inverse_max_px: float  # largest residual where the inverse polynomials, and then the others, lead
+    infinity_max_px: float  # largest residual of points far away, for which nothing is fitted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelBehindWindows(CentralModel):
+    """The model of a lens, with the windshield before it, and the residual of both."""
+
+    windshield: Windshield
+
+
+def central_model(camera: ExportCamera, models: tuple[str, ...]) -> CentralModel:
+    """The model of a lens, behind a windshield if there are windows before it."""
+    from pipeline.exports.central import central_model as lens_model  # both load the tracer
+    from pipeline.plugins.formats.windshield import windshield_model
+
+    if "windows" in camera.built.record["lens"]:
+        return windshield_model(camera, ("brown", *models))
+    return lens_model(camera, models)
 
 
 def write(material: Material, folder: Path) -> None:
@@ -57,8 +87,9 @@ def _common(camera: ExportCamera) -> Json:
 
 def _windshield(model: CentralModel) -> tuple[Json | None, list[str]]:
     """The windows before a camera, and remarks about them."""
-    if (windshield := model.windshield) is None:
+    if not isinstance(model, ModelBehindWindows):
         return None, []
+    windshield = model.windshield
     near_mm, far_mm = windshield.planes_mm
     remark = (
         f"points beyond the windows, at vision z = {near_mm:g} and {far_mm:g} mm, are off by {model.rms_px:.3g} px "

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
+from pipeline.files.npy import write_npz
 from pipeline.formats import Board, Cameras, Format, Microlenses, Origin, Pose, Rotation, Unit
 from pipeline.results.rows import joined
 

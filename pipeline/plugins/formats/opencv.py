@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from pipeline.exports.conversion import stated
-from pipeline.exports.filestorage import write_npz, yaml_text
 from pipeline.exports.material import ExportCamera, ExportView, Material
+from pipeline.files.npy import write_npz
 from pipeline.formats import Board, Cameras, Centre, Format, Origin, Pose, Rotation, Unit, pairs
+from pipeline.plugins.formats.filestorage import yaml_text
 
 FORMAT = Format(
     consumer="OpenCV 4 and 5",

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import Material
+from pipeline.files.npy import write_npz
 from pipeline.formats import Board, Cameras, Centre, ExportError, Format, Origin, Pose, Rotation, Targets, Unit
 
 FORMAT = Format(

@@ -3,9 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
+from pipeline.errors import UsageError
 from pipeline.exports.material import Material
 from pipeline.plugins.formats import npz
-from pipeline.results.rows import write_parquet
+from pipeline.results.rows import INSTALL_FRAMES, as_pandas
 
 FORMAT = replace(
     npz.FORMAT,
@@ -16,6 +17,14 @@ FORMAT = replace(
 
 
 def write(material: Material, folder: Path) -> None:
-    """Write the files; their metadata hold the remarks (`attrs` of the data frame)."""
+    """Write the files; their metadata hold the remarks (`attrs` of the data frame).
+
+    Raises UsageError: pandas or pyarrow is not installed.
+    """
     for name, rows in npz.tables(material):
-        write_parquet(folder / f"{name}.parquet", rows, material.remarks)
+        frame = as_pandas(rows)
+        frame.attrs["remarks"] = list(material.remarks)
+        try:
+            frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
+        except ImportError:
+            raise UsageError("pyarrow is not installed", hint=INSTALL_FRAMES) from None

@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from pipeline.exports.filestorage import yaml_real
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.formats import Cameras, Centre, Format, Origin, Reads
+from pipeline.plugins.formats.filestorage import yaml_real
 
 FORMAT = Format(
     consumer="ROS and ROS 2: camera_info_manager, image_proc",

@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from pipeline.optics.glass.names import Named
 from pipeline.optics.glass.row import MAX_INDEX_DIFFERENCE, medium
 from pipeline.optics.printed import D_LINE_NM
+from pipeline.plugins.lenses.names import Named
 from pipeline.plugins.lenses.text import UnreadableLens, number, read_lines
 
 _EXPONENTS = {

@@ -14,11 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.frames import inverse
-from pipeline.optics.glass.names import AIR, Named
 from pipeline.optics.glass.row import medium
 from pipeline.optics.printed import D_LINE_NM, Lost, PrintedLens, PrintedSurface
 from pipeline.plugins.lenses.axis import about_one_axis, frame, is_possible
 from pipeline.plugins.lenses.glasses import Glasses
+from pipeline.plugins.lenses.names import AIR, Named
 from pipeline.plugins.lenses.sizing import Beam, opened, sized
 from pipeline.plugins.lenses.text import UnreadableLens, number, other_wavelengths, radius_mm, read_lines
 

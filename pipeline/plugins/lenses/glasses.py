@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.errors import PipelineError, UsageError
-from pipeline.optics.glass.names import AIR, Named, model, named
 from pipeline.optics.printed import Lost
 from pipeline.plugins.lenses.agf import read_agf
+from pipeline.plugins.lenses.names import AIR, Named, model, named
 from pipeline.plugins.lenses.text import UnreadableLens
 
 

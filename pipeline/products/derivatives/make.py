@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.camera.rig import Rig
-from pipeline.exports.filestorage import write_npz
+from pipeline.files.npy import write_npz
 from pipeline.files.tables import read_table
 from pipeline.products.cameras import Inputs, focused_camera, rig_of
 from pipeline.products.certificate.make import cells_of

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.files.exr import read_exr
+from pipeline.files.npy import write_npz
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Reads
 
 FORMAT = Format(

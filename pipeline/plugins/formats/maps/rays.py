@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_npz
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.npy import write_npz
 from pipeline.formats import Cameras, Format, Microlenses, Origin, Reads, Unit
 from pipeline.plugins.formats.maps.traced import TracedPixels, about, traced
 

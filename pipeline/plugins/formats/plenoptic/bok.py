@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exports.filestorage import write_mat
 from pipeline.exports.material import ExportCamera, Material
 from pipeline.exports.micro_images import MicroImages
 from pipeline.formats import Cameras, ExportError, Format, Microlenses, Origin, Targets, Unit
+from pipeline.plugins.formats.filestorage import write_mat
 
 FORMAT = Format(
     consumer="MATLAB code of Bok 2017 and Nousias 2017",

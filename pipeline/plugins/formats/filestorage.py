@@ -1,4 +1,4 @@
-"""Arrays of NumPy, MATLAB files and OpenCV's FileStorage, which several programs read.
+"""MATLAB files and OpenCV's FileStorage, which several programs read.
 
 All of OpenCV that exports need enters here, when it is used.
 """
@@ -12,12 +12,6 @@ import numpy as np
 
 _HEADER = 116
 """Bytes of the text that a MATLAB 5 file begins with."""
-
-
-def write_npz(path: Path, remarks: Iterable[str], arrays: Mapping[str, Any]) -> None:
-    """Write arrays without pickles, after remarks; `np.load` opens them."""
-    with path.open("wb") as stream:
-        np.savez(stream, remarks=np.array(tuple(remarks)), **arrays)
 
 
 def write_mat(path: Path, values: Mapping[str, Any]) -> None:

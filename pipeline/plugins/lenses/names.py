@@ -152,6 +152,6 @@ def _plain(name: str) -> str:
 def _rows() -> dict[str, list[dict[str, str]]]:
     """Rows of the catalogue, then of the table of names, by plain name."""
     rows = dict[str, list[dict[str, str]]]()
-    for entry in (*rows_of("catalogue.csv.gz"), *rows_of("names.csv.gz")):
+    for entry in (*rows_of("catalogue.csv.gz"), *rows_of("names.csv.gz", __file__)):
         rows.setdefault(_plain(entry["glass"]), []).append(entry)
     return rows

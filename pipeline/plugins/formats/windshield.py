@@ -6,18 +6,19 @@ inverse ones lead back. Windows also shift rays: the centre is the point nearest
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.exports.central import central_model, field_of
-from pipeline.exports.material import CentralModel, ExportCamera, Windshield
+from pipeline.exports.material import CentralModel, ExportCamera
 from pipeline.fits.field import FieldRays
 from pipeline.fits.fitting import MODELS, rms
 from pipeline.formats import ExportError
 from pipeline.optics.windows import parted
+from pipeline.plugins.formats.ncore import ModelBehindWindows, Windshield
 from pipeline.results.ready_camera import ReadyCamera
 
 _ORDER = 5
@@ -26,7 +27,7 @@ _MOST_PX = 1.0
 """Largest residual [px]: a model that is a pixel off would spoil what is fitted to it."""
 
 
-def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> CentralModel:
+def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> ModelBehindWindows:
     """The central model of a camera without the windows before it, and the windshield that stands for them.
 
     `alternatives`: as in `central_model`. The centre is that of rays before the windows, residuals are of both.
@@ -55,7 +56,8 @@ def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> Centr
         inverse_max_px=back_px,
         infinity_max_px=beyond_px,
     )
-    return replace(lens, centre_mm=centre_mm, rms_px=rms(off), max_px=most_px, windshield=windshield)
+    both = {"centre_mm": centre_mm, "rms_px": rms(off), "max_px": most_px}
+    return ModelBehindWindows(**{**asdict(lens), **both}, windshield=windshield)
 
 
 def _without_windows(ready: ReadyCamera) -> ReadyCamera:

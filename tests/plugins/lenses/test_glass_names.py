@@ -7,8 +7,9 @@ from tolerances import BISECTED
 
 from pipeline.optics.glass.catalogue import find, rows_of
 from pipeline.optics.glass.medium import GlassError
-from pipeline.optics.glass.names import maker, model, named
 from pipeline.optics.glass.row import MAX_ABBE_DIFFERENCE, MAX_INDEX_DIFFERENCE
+from pipeline.plugins.lenses import names
+from pipeline.plugins.lenses.names import maker, model, named
 
 CLOSE, CLOSE_ABBE = 1e-4, 0.2
 """Differences of n_d and V_d up to which a glass of another name stands for an old one [1], as README.md there says."""
@@ -16,7 +17,8 @@ CLOSE, CLOSE_ABBE = 1e-4, 0.2
 
 def test_what_stands_for_a_name_has_the_numbers_that_its_maker_printed() -> None:
     """A maker's own successor, N-SK16 for SK16, may be off by as much as a printed glass may; materials are named."""
-    rows = [row for row in rows_of("names.csv.gz") if row["stands"] and row["nd"] and "material:" not in row["stands"]]
+    rows = rows_of("names.csv.gz", names.__file__)
+    rows = [row for row in rows if row["stands"] and row["nd"] and "material:" not in row["stands"]]
     assert len(rows) > 700
     for row in rows:
         if row["stands"] == "water":
