@@ -31,9 +31,16 @@ LabelAt = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def widened(
-    passes: Passes, low: Float64[np.ndarray, "..."], high: Float64[np.ndarray, "..."], farther: Passes, most: int
+    passes: Passes,
+    low: Float64[np.ndarray, "..."],
+    high: Float64[np.ndarray, "..."],
+    farther: Callable[[np.ndarray], np.ndarray],
+    most: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Move outer bounds outwards by `farther` until they are dark; inner bounds follow to the last lit point."""
+    """Brackets of the boundary, (...) each: `high` moves outwards by `farther` until it is dark, or `most` times.
+
+    `low` follows to the last lit point.
+    """
     for _ in range(most):
         lit = passes(high)
         if not lit.any():

@@ -108,9 +108,9 @@ def with_central_models(material: Material, record: Format, model_of: ModelOf | 
         if view.camera not in models:
             views.append(view)
             continue
-        to_centre, poses = rigid(np.eye(3), -models[view.camera].centre_mm), view.built.poses
-        from_target = to_centre @ poses.camera_from_target[view.target]
-        world = to_centre @ poses.camera_from_world
+        to_centre = rigid(np.eye(3), -models[view.camera].centre_mm)
+        from_target = to_centre @ view.built.poses.camera_from_target[view.target]
+        world = to_centre @ view.built.poses.camera_from_world
         views.append(replace(view, camera_from_target=from_target, camera_from_world=world))
     cameras = tuple(replace(camera, central=models.get(camera.name)) for camera in material.cameras)
     return replace(material, cameras=cameras, views=tuple(views))

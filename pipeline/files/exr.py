@@ -133,14 +133,17 @@ def _opened(path: Path, require_few: Callable[[int], None] = lambda values: None
     with path.open("rb"):
         pass  # a file that is not there is no damage
     try:
+        # Read the headers, and refuse sizes that a file of this length cannot have.
         headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
         if 4 * sum(map(_values, headers.parts)) > MAX_COMPRESSION_RATIO * path.stat().st_size:
             raise DamagedFile(path, "so many pixels cannot come from so short a file")
         require_few(sum(map(_values, headers.parts)))
-        with contextlib.redirect_stdout(io.StringIO()):  # of pixels that are damaged it prints warnings, and has none
+        # Read the pixels; the binding prints warnings about damaged ones, and leaves them out.
+        with contextlib.redirect_stdout(io.StringIO()):
             file = OpenEXR.File(str(path), separate_channels=True, num_threads=_IN_CALLING_THREAD)
         if not file.parts or len(file.parts) != len(headers.parts):
             raise DamagedFile(path, "parts are missing")
+        # Compare the pixels of each channel with the size in the header.
         for part in file.parts:
             first, last = part.header["dataWindow"]
             width, height = (int(side) for side in last.astype(np.int64) - first + 1)

@@ -226,7 +226,7 @@ def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Floa
     normal = behind - index_ratio * before
     with np.errstate(invalid="ignore"):
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        i, r = (np.abs(np.sum(normal * ray, axis=1)) for ray in (before, behind))
-        n = index_ratio
-        s, p = (n * i - r) / (n * i + r), (n * r - i) / (n * r + i)
+        cos_i, cos_r = (np.abs(np.sum(normal * ray, axis=1)) for ray in (before, behind))
+        s = (index_ratio * cos_i - cos_r) / (index_ratio * cos_i + cos_r)
+        p = (index_ratio * cos_r - cos_i) / (index_ratio * cos_r + cos_i)
     return np.stack([1 - s**2, 1 - p**2])

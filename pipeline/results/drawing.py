@@ -128,6 +128,8 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     `field`: 0 for an image at the centre of the sensor, 1 at its farther edge, or at the rim of the image circle.
     `count`: number of rays, evenly spread over those that pass.
     """
+    # Find the ray in the middle of the bundle. Light of an image above the axis comes from below it: where it does not,
+    # as beyond the edge of a wide field, the image comes nearer to the axis.
     height = _lit_height(camera, field)
     central = _central_ray(camera, height)
     while central and central[1][1] * math.copysign(1, height) < 0 and abs(height) > 1e-9:
@@ -135,9 +137,10 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
         central = _central_ray(camera, height)
     if central is None:
         return []
+    # Try rays beside it from its object point, and again among those that pass: the bundle of a narrow stop is a small
+    # part of the front surface.
     reach = 1.5 * camera.prescription.surfaces[0].semi_diameter_mm
     offsets = np.linspace(-reach, reach, _FAN)
-    # Twice: the bundle of a narrow stop is a small part of the front surface.
     for _ in range(2):
         start, ways = _fan(*central, offsets, _in_focus(camera))
         x, y, passes, out = _trace(camera.prescription, start, ways)
@@ -147,6 +150,7 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
         step = offsets[1] - offsets[0]
         ends = offsets[passing[[0, -1]]]
         offsets = np.linspace(ends[0] - step, ends[1] + step, _FAN)
+    # Draw some of them from the edge of the drawing to the sensor.
     chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
     rays = []
     for i in dict.fromkeys(chosen.tolist()):

@@ -181,9 +181,9 @@ def test_new_poses_stand_around_a_fisheye_and_face_it(nikkor):
 
 def test_point_images_end_where_planes_in_focus_do(nikkor):
     """The outermost default place is 78 degrees off the axis, by its own mean ray; beyond, they are refused."""
-    *_, (words, view) = point_images._default_views(nikkor.rig)
+    words, position_mm = list(point_images._default_positions_mm(nikkor.rig).items())[-1]
     assert words == "78 degrees off the axis"
-    rays = nikkor.rays(*nikkor.rig.tracer.pixels_at(view.position_mm[None]).T)
+    rays = nikkor.rays(*nikkor.rig.tracer.pixels_at(position_mm[None]).T)
     assert np.degrees(np.arccos(rays.direction[0, 2])) == pytest.approx(78.0, abs=0.6)
     points, normals = at_angles([105.0], 30.0, 120.0)
     rows = nikkor.project(points, normals)

@@ -235,12 +235,11 @@ def _probe_for_centres(bundles: Edges, rows: np.ndarray, points_of: Callable[[np
 def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
     """Move interior points to the centroids of their regions, within the first directions, if those are lit."""
     n = len(bundles.positions)
-    angle = boundary.even_angles(_FIRST_DIRECTIONS)
+    # A thin sector has an area as r^2 / 2, and its centroid at 2 r / 3: off = sum of r^3 u / (3/2 sum of r^2).
     area = np.bincount(owner, 1.5 * radius**2, n)
-    lever = radius**3
-    points = len(owner) // len(angle)
-    along = np.tile(np.cos(angle), points), np.tile(np.sin(angle), points)
-    moved = np.stack([np.bincount(owner, lever * part, n) for part in along], axis=1)
+    around = boundary.unit_vectors(boundary.even_angles(_FIRST_DIRECTIONS))
+    along = np.tile(around, (len(owner) // _FIRST_DIRECTIONS, 1))
+    moved = np.stack([np.bincount(owner, radius**3 * part, n) for part in along.T], axis=1)
     nonempty = np.flatnonzero(area > 0)
     middle = bundles.centres[nonempty] + moved[nonempty] / area[nonempty, None]
     passed = bundles.probe(nonempty, middle) == PASSES
@@ -337,7 +336,6 @@ class Polar(NamedTuple):
     shares: np.ndarray  # (r,) float64, fractions of the radius of the boundary
     directions: int  # evenly spaced: a multiple of 16
     has_corners: bool = False  # with directions at corners, from `boundary.between`: at least as many
-    about: int = 0  # number of the position whose interior point serves all positions
 
 
 def bundle_hits(
@@ -348,11 +346,11 @@ def bundle_hits(
     nodes: Polar,
 ) -> Hits:
     """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none, to a plane."""
-    shares, directions, has_corners, about = nodes
+    shares, directions, has_corners = nodes
     n = len(positions_mm)
     behind = np.full(n, microlens)
-    # Bound all regions; one interior point serves all positions.
-    home = inner_points(arrays, positions_mm[[about]], behind[:1])
+    # Bound all regions; the interior point of the middle position serves all.
+    home = inner_points(arrays, positions_mm[[n // 2]], behind[:1])
     bundles = bounded(arrays, positions_mm, behind)
     if np.isnan(home.centres).any() or (bundles.counts < 3).any():
         nothing = np.full((n, directions, len(shares)), np.nan)

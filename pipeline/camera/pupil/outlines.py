@@ -294,7 +294,7 @@ def _slope(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
     for axis in (0, 1):
         change = np.abs(np.diff(reach, axis=axis) - shift[:, 1 - axis])
         ends = [(1, 1) if a == axis else (0, 0) for a in (0, 1)]
-        either = np.pad(np.nan_to_num(change.max(axis=2)), ends)
-        first, second = (either[:-1], either[1:]) if axis == 0 else (either[:, :-1], either[:, 1:])
-        squared += np.maximum(first, second) ** 2
+        of_steps = np.pad(np.nan_to_num(change.max(axis=2)), ends)
+        # The larger of the steps to both neighbours.
+        squared += np.lib.stride_tricks.sliding_window_view(of_steps, 2, axis=axis).max(axis=-1) ** 2
     return np.sqrt(squared)

@@ -170,8 +170,10 @@ def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.n
 
 
 def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell."""
-    # NaN if none of the nine pixels around belongs to the cell.
+    """Covariance (n, 4, 4) and mean crossings (n, 2) of the pixel nearest to each row, within the row's own cell.
+
+    NaN if none of the nine pixels around a row belongs to its cell.
+    """
     width, height = grid.size_px
     left, above = grid.first_px
     k = grid.supersampling
@@ -181,10 +183,12 @@ def _bundle_at(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndar
     closest = np.full(n, np.inf)
     for dy in (-1, 0, 1):
         for dx in (-1, 0, 1):
+            # Visit one of the nine pixels around each row, in the window of the grid.
             x = (np.rint(np.nan_to_num(solutions.x_px)) - left + dx).clip(0, width - 1).astype(int)
             y = (np.rint(np.nan_to_num(solutions.y_px)) - above + dy).clip(0, height - 1).astype(int)
             # The fine position next to the pixel's centre determines whose bundle the pixel kept.
             fine = y * k + k // 2, x * k + k // 2
+            # Take its bundle where it is nearer than those before, and of the cell.
             distance = np.hypot(x + left - solutions.x_px, y + above - solutions.y_px)
             usable = (grid.cell[fine] == solutions.cell) & (distance < closest) & ~np.isnan(grid.covariance[y, x, 0])
             closest = np.where(usable, distance, closest)

@@ -72,7 +72,7 @@ def bundle_map(
     offsets = -np.cos(np.pi * np.arange(grid.order) / (grid.order - 1))
     nodes_of_grid = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), axis=-1).reshape(-1, 2)
     positions = tracer.positions_mm(*(grid.x_px + grid.half_px * nodes_of_grid).T)
-    hits = bundle_hits(tracer.arrays, positions, microlens, plane, nodes._replace(about=len(nodes_of_grid) // 2))
+    hits = bundle_hits(tracer.arrays, positions, microlens, plane, nodes)
     if not hits.is_star_shaped.all():
         return None
     fields = np.concatenate([hits.on_plane, hits.density_sr[..., None]], axis=-1)
