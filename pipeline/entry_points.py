@@ -1,10 +1,11 @@
 """Entry points, by which plug-ins are found: those in `plugins/`, which nothing imports, and those of other packages.
 
 Groups are `plenoptic_pipeline.verbs`: a `typer.Typer` with verbs of the command; `.engines`: `engine_of(where,
-timeout_s)` of `--engine NAME:WHERE`; `.products`: `report`, which listens to a build and then writes about its folder;
-`.sections`: functions (report, stage, output) that `tell` such a report more about a build; `.readers`: `lens.SUFFIX`
-and `camera.SUFFIX`, functions of files; `.formats`: modules, see docs/export_format.md; `.scenes`: `reader`, a module
-that is a `scene.usd.plug_in.SceneReader`, and `tasks`, one with the tasks of lamps, pictures and labels; `.kernels`:
+timeout_s)` of `--engine NAME:WHERE`; `.products`: plans, see docs/how_to/task.md; `.reports`: `html`, which listens to
+a build and then writes about its folder; `.sections`: functions (report, stage, output) that `tell` such a report more
+about a build; `.readers`: `lens.SUFFIX` and `camera.SUFFIX`, functions of files; `.formats`: modules, see
+docs/export_format.md; `.scenes`: `reader`, a module that is a `scene.usd.plug_in.SceneReader`, and `things`, a
+`products.things.Things` that lamps light; `.kernels`: by the name of a step of compilation,
 `app.compile_kernels.Part`s.
 """
 

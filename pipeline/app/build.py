@@ -19,11 +19,12 @@ from pipeline.engine.files import machine_errors
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.locks import locked
 from pipeline.engine.options import USUAL, BuildKeywords, BuildOptions, Caller
-from pipeline.engine.planning.graph import TASKS, Task, TaskGraph
+from pipeline.engine.planning.graph import Task, TaskGraph
 from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.project import Project
 from pipeline.engine.running import session
 from pipeline.engine.running.result import Result
+from pipeline.entry_points import offered, plugged_in
 from pipeline.errors import UsageError
 from pipeline.jit.files import cache_folder, count, make_folder, ready, set_ready
 from pipeline.jit.waits import before_compiling
@@ -33,21 +34,25 @@ from pipeline.products.camera.params import CONVENTIONS
 from pipeline.products.graph import graph_of
 from pipeline.products.variants import folder_of, on_device, only_images, preview_of, without_pictures
 from pipeline.records.declared import arguments_settled
+from pipeline.records.plain import from_plain
 from pipeline.scene.load import Loaded, load, require_dataset
 from pipeline.scene.usd.problems import StageError
 from pipeline.scene.usd.roots import real_path
 from pipeline.scene.views import NOT_SEEN
 from pipeline.spelling import nearest
 
-__all__ = ["TASKS", "build", "build_with", "compile_once", "default_out", "project", "run_together"]
+__all__ = ["build", "build_with", "compile_once", "default_out", "project", "run_together"]
 
-STEPS = "lens", "aspheres", "microlenses", "micro_images", "images", "company", "shapes", "lighting", "search", "sensor"
+_OWN = "lens", "aspheres", "microlenses", "micro_images", "images", "company", "shapes", "search", "sensor"
+STEPS = (*_OWN, *sorted(offered("kernel")))
 """Steps of kernel compilation: tracing and quadrature of any lens; conics and aspheres; tilted and refractive
-microlenses; micro-images; images of a flat sheet; images with occlusion; curved targets; light paths; the search in
-position images; the noise of raw images.
+microlenses; micro-images; images of a flat sheet; images with occlusion; curved targets; the search in position images;
+the noise of raw images; and those of plug-ins.
 """
-_KERNELS = dict(zip(STEPS, (19, 2, 8, 1, 7, 5, 2, 9, 3, 2), strict=True))
+_KERNELS = dict(zip(_OWN, (19, 2, 8, 1, 7, 5, 2, 3, 2), strict=True))
 """Number of kernels that each step adds, for progress reports."""
+_OF_PLUG_IN = 9
+"""Number of kernels that the step of a plug-in is taken to add: that of light paths."""
 _KERNEL_S = 0.9
 """Processor time to compile a kernel and its callees [s], on an AMD EPYC."""
 _TRUST = 0.2
@@ -187,8 +192,6 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
 
     engine = None
     if options.engine:  # tasks run on a cluster, and not in workers of this machine
-        from pipeline.entry_points import plugged_in
-
         kind, _, where = options.engine.partition(":")
         engine = plugged_in("engine", kind)(where, options.timeout_s)
     try:
@@ -254,7 +257,7 @@ def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) ->
     done = ready(folder)
     ended = threading.Event()
     start = time.monotonic()
-    wanted = max(1, sum(_KERNELS[step] for step in steps if step not in done))
+    wanted = max(1, sum(_KERNELS.get(step, _OF_PLUG_IN) for step in steps if step not in done))
     begun = count(folder)
     trusted = _TRUST * wanted
     before = begun if done else 0  # else those are of a process that compiles now, or that was ended
@@ -314,8 +317,9 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
             steps.add("search")
         if view := task.params.get("view"):
             shapes = [placed["target"].get("surface", placed["target"])["kind"] for placed in view.get("targets", ())]
-            hides = shapes != ["flat"] or view.get("occluders") or view.get("lighting")
+            hides = shapes != ["flat"] or view.get("occluders")
             steps |= {"company"} if task.product == "image" and hides else set()
-            steps |= {"lighting"} if view.get("lighting") else set()
             steps |= {"shapes"} if set(shapes) & _NOT_FLAT else set()
+        if task.record and hasattr(task.record, "steps"):
+            steps.update(from_plain(task.record, task.params).steps)
     return tuple(step for step in STEPS if step in steps)

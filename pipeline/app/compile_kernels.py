@@ -43,7 +43,7 @@ class Part(NamedTuple):
 def compile_kernels(steps: Iterable[str], numbers: Iterable[int] | None = None) -> None:
     """Call every kernel of these steps once, with the types that real tasks use; or only parts with these numbers."""
     asked = set(steps)
-    plugged = (plugged_in("kernel", name) for name in sorted(offered("kernel")))
+    plugged = (plugged_in("kernel", step) for step in sorted(asked & offered("kernel").keys()))
     parts = [part for part in (*chain(*plugged), *_PARTS) if asked.issuperset(part.steps.split())]
     every = range(len(parts))
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time

@@ -4,11 +4,11 @@ Params hold exactly what a task reads, in the camera's own frame, so that moving
 appear only in the params of tasks that write them.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
-from pipeline.entry_points import plugged_in
+from pipeline.entry_points import offered, plugged_in
 from pipeline.products.camera.plan import plan_cameras
 from pipeline.products.certificate.plan import plan_certificates
 from pipeline.products.colours.plan import plan_colours
@@ -43,7 +43,7 @@ PRODUCTS = (
     plan_colours,
     plan_raw_images,
 )
-"""Plans of all products; each comes after those whose tasks its own read."""
+"""Plans of the products of the core, in an order in which tasks come after those that they read; plug-ins have more."""
 
 
 class DatasetGraph(NamedTuple):
@@ -56,22 +56,12 @@ class DatasetGraph(NamedTuple):
 
 def graph_of(dataset: Dataset) -> DatasetGraph:
     """The tasks of a dataset, and what its build delivers."""
-    scenes = _scenes(dataset)
-    things = scenes.LitThings if scenes and _is_lit(dataset) else Things
+    is_lit = dataset.lamps or any(occluder.finish for occluder in dataset.occluders)
+    things = plugged_in("scene", "things") if is_lit else Things
     painted, bare = (things(dataset, painted=painted) for painted in (True, False))
     made = graph, files, certificates = DatasetGraph(TaskGraph(), {}, {})
     draft = Draft(dataset, graph, files, certificates, painted, bare)
-    before, after = ([scenes.plan_pictures], [scenes.plan_labels]) if scenes else ([], [])
-    for plan in (*before, *PRODUCTS, *after, plan_exports):
+    plugged = [plugged_in("product", name) for name in sorted(offered("product"))]
+    for plan in (*PRODUCTS, *plugged, plan_exports):
         plan(draft)
     return made
-
-
-def _is_lit(dataset: Dataset) -> bool:
-    return bool(dataset.lamps) or any(occluder.finish for occluder in dataset.occluders)
-
-
-def _scenes(dataset: Dataset) -> Any:
-    """The plug-in with the tasks of lamps, pictures and labels; None: the dataset has none of these."""
-    has_labels = any(camera.labels for camera in dataset.cameras)
-    return plugged_in("scene", "tasks") if _is_lit(dataset) or dataset.pictures or has_labels else None

@@ -5,7 +5,7 @@ colour affects no correspondence.
 """
 
 import dataclasses
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from pipeline.records.plain import Shared, to_plain
 from pipeline.render.spectral.prints import Colours
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Motions
 from pipeline.targets.target import bare, plain_from_target
+
+if TYPE_CHECKING:
+    from pipeline.products.draft import Draft
 
 
 def target_poses(dataset: Dataset, frame: Frame, camera: str) -> dict[str, np.ndarray]:
@@ -41,7 +44,6 @@ class Things:
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
         self.dataset = dataset
-        self.reads = dict[str, str]()  # role and task of what their images read besides
         targets = {entry.name: entry.target for entry in dataset.targets}
         if not painted:
             targets = {name: bare(target) for name, target in targets.items()}
@@ -50,6 +52,10 @@ class Things:
             shape: Shared(to_plain(shape if painted else dataclasses.replace(shape, radiance=0.0)))
             for shape in dict.fromkeys(e.occluder for e in dataset.occluders)
         }
+
+    def reads(self, draft: "Draft") -> dict[str, str]:
+        """Role and task of what their images read besides a camera; tasks are added at their first use."""
+        return {}
 
     def targets(
         self, poses: dict[str, np.ndarray], motions: Motions | None = None, *, named: bool = True

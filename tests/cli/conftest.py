@@ -37,6 +37,7 @@ def pipeline(tmp_path, kit, monkeypatch, in_this_process):
     monkeypatch.setenv("COLUMNS", "200")
     for name, module in toy_command.fakes().items():
         monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr("pipeline.engine.planning.graph.PACKAGES", toy_command.PACKAGES)
     return in_this_process
 
 

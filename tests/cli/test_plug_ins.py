@@ -1,4 +1,4 @@
-"""A plug-in is found by its entry points: its verbs and engines, what is broken, and what is not there."""
+"""A plug-in is found by its entry points: its verbs, engines and products, what is broken, and what is not there."""
 
 import sys
 
@@ -15,8 +15,14 @@ broken = nowhere_to_be_found:verbs
 
 [plenoptic_pipeline.engines]
 toy = stranger_of_ours:engine_of
+
+[plenoptic_pipeline.products]
+sizes = stranger_of_ours:plan_sizes
 """
 CODE = """
+from dataclasses import dataclass
+from pathlib import Path
+
 import typer
 
 verbs = typer.Typer()
@@ -28,12 +34,24 @@ def greet(name: str) -> None:
 
 def engine_of(where, timeout_s):
     raise LookupError(where, timeout_s)
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Size:
+    width_px: int
+
+def plan_sizes(draft):
+    for entry in draft.dataset.cameras:
+        task = draft.add(f"size/{entry.name}", Size(width_px=entry.asked.sensor.width_px))
+        draft.files[f"cameras/{entry.name}/size.txt"] = (task, "size.txt")
+
+def size(params: Size, inputs, out: Path) -> None:
+    (out / "size.txt").write_text(f"{params.width_px} px wide")
 """
 
 
 @pytest.fixture
 def stranger(tmp_path, monkeypatch):
-    """A package with two verbs, one of which cannot be loaded, and an engine."""
+    """A package with two verbs, one of which cannot be loaded, an engine and a product."""
     place = tmp_path / "site/stranger-1.dist-info"
     place.mkdir(parents=True)
     (place / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1\n")
@@ -59,6 +77,12 @@ def test_an_engine_is_asked_for_by_its_name_and_one_that_is_not_there_is_named(s
         build(TINY, engine="toy:here", timeout_s=2.0)
     with pytest.raises(UsageError, match=r'no plug-in that is installed has the engine "ray"\n.*toy'):
         build(TINY, engine="ray:auto")
+
+
+def test_a_product_of_another_package_is_made_and_delivered(stranger, tmp_path):
+    result = build(TINY, tmp_path / "out", jobs=1, targets=["cameras/Rig.Camera/size.txt"])
+    assert (result.executed, result.failed) == (1, 0)
+    assert (tmp_path / "out/cameras/Rig.Camera/size.txt").read_text() == "32 px wide"
 
 
 def test_a_misspelt_verb_of_a_plug_in_is_guessed(stranger, run):

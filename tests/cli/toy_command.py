@@ -18,8 +18,11 @@ from engine import toy
 from pipeline.__main__ import main
 from pipeline.engine.events import silent
 from pipeline.engine.options import Caller
+from pipeline.engine.planning import graph
 from pipeline.engine.running import session
 from pipeline.errors import UsageError
+
+PACKAGES = ("toykit.tasks",)
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,6 @@ def fakes() -> dict[str, types.ModuleType]:
     rooms = {"app.build": (project, build_with), "scene.load": (load,)}
     for name, functions in {f"pipeline.{room}": functions for room, functions in rooms.items()}.items():
         modules[name] = types.ModuleType(name)
-        modules[name].TASKS = ("toykit.tasks",)
         for function in functions:
             setattr(modules[name], function.__name__, function)
     return modules
@@ -83,5 +85,6 @@ def fakes() -> dict[str, types.ModuleType]:
 
 if __name__ == "__main__":
     sys.modules.update(fakes())
+    graph.PACKAGES = PACKAGES
     sys.argv[0] = "pipeline"
     main()

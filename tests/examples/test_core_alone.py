@@ -45,7 +45,7 @@ def test_the_core_builds_every_example_but_those_with_lamps_without_the_folder_o
     built = run("build", "examples/01_conventional/dataset.usda", "-o", "out")
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "out/manifest.json").is_file()
-    assert 'no report is written: no plug-in that is installed has the product "report"' in built.stderr
+    assert 'no report is written: no plug-in that is installed has the report "html"' in built.stderr
     unwritten = run("export", "out", "opencv")
     assert unwritten.returncode == 2 and "opencv" in unwritten.stderr
     for words in ("report out", "design plenoptic a.usda", "inform out --report", "import lens a.dat"):

@@ -199,7 +199,7 @@ def _profile(result: Any) -> dict[str, Any]:
 def _report() -> Any:
     """A report that listens to the build; None, with a note, if no plug-in writes one."""
     try:
-        return plugged_in("product", "report")()
+        return plugged_in("report", "html")()
     except UsageError as error:
         note(f"no report is written: {error.message}")
         return None
@@ -269,15 +269,15 @@ def run_task(
     as_json: Json = False,
 ) -> None:
     """Run single tasks from their files in this process, to repeat a failure or as jobs of a batch system."""
-    from pipeline.app.build import TASKS
     from pipeline.engine.interrupts import Interrupts
+    from pipeline.engine.planning.graph import task_packages
     from pipeline.engine.running.session import run_task as run
     from pipeline.engine.store.store import Store
 
     store = Store(warn=note)
     replies: list[Reply] = []
     with Interrupts() as interrupts, interrupts.stopping():
-        replies += (run(path, store, TASKS, force=force) for path in specs)
+        replies += (run(path, store, task_packages(), force=force) for path in specs)
     if interrupts.arrived:
         note("interrupted")
         raise typer.Exit(Exit.INTERRUPTED)

@@ -11,11 +11,12 @@ import networkx as nx
 from pipeline.engine.digest import canonical
 from pipeline.engine.planning.task_code import check_kind
 from pipeline.engine.records import Params
+from pipeline.entry_points import offered
 from pipeline.errors import UsageError
 from pipeline.spelling import did_you_mean
 
-TASKS = ("pipeline.products", "pipeline.plugins")
-
+PACKAGES = ("pipeline.products", "pipeline.plugins")
+"""Packages of this distribution that have tasks."""
 _MOST = 6
 """Number of names in one hint: they fit into one line of a terminal."""
 
@@ -61,11 +62,17 @@ class Task:
         return re.sub("_(tile|strip|first)$", "", self.short_kind)
 
 
+def task_packages() -> tuple[str, ...]:
+    """Packages in which kinds of tasks lie: those of this one, and those whose entry points offer products."""
+    modules = {entry.module.partition(".")[0] for entries in offered("product").values() for entry in entries}
+    return (*PACKAGES, *sorted(modules - {"pipeline"}))
+
+
 class TaskGraph:
     """Tasks whose kinds lie in certain packages; acyclic, because a task can only read tasks added before it."""
 
-    def __init__(self, packages: tuple[str, ...] = TASKS) -> None:
-        self.packages = packages
+    def __init__(self, packages: tuple[str, ...] | None = None) -> None:
+        self.packages = packages or task_packages()
         self._graph: nx.DiGraph = nx.DiGraph()
         self._order: list[str] = []  # outdated while it is shorter than the graph
 

@@ -137,8 +137,9 @@ def _reader() -> str:
 
 def check_kind(kind: str, packages: tuple[str, ...]) -> None:
     """Refuse kinds outside the accepted packages: a record or a spec must not decide which code is imported."""
-    below = any(kind.startswith(f"{package}.") for package in packages)
-    if not below or not all(part.isidentifier() for part in kind.replace(":", ".", 1).split(".")):
+    path = kind.replace(":", ".", 1)
+    below = any(path.startswith(f"{package}.") for package in packages)
+    if not below or not all(part.isidentifier() for part in path.split(".")):
         raise ValueError(f"{kind!r} is not a module below {' or '.join(packages)}")
 
 

@@ -133,7 +133,7 @@ def inform(
     require_suffix(plot, ".svg")  # before anything is computed
     if plot is not None or to_report:
         require_plots()
-    report, written = plugged_in("product", "report")() if to_report else None, None
+    report, written = plugged_in("report", "html")() if to_report else None, None
     known = informed(out, camera, model, noise, tuple(allow_root or ()))
     if plot is not None:
         stages.draw(drawing(known), plot)

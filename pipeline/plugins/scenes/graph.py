@@ -31,14 +31,18 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 
 def plan_pictures(draft: Draft) -> None:
     """Add the pictures that prims of a dataset name."""
+    tasks = _picture_tasks(draft)
+    draft.files.update({each.file: (tasks[each.name], source_name(each.suffix)) for each in draft.dataset.pictures})
+
+
+def _picture_tasks(draft: Draft) -> dict[str, str]:
+    """Role and task of each picture, added at its first use."""
+    tasks = {picture.name: f"picture/{picture.name}" for picture in draft.dataset.pictures}
     for picture in draft.dataset.pictures:
-        params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
-        task = draft.add(f"picture/{picture.name}", params)
-        draft.files[picture.file] = (task, source_name(picture.suffix))
-
-
-def _picture_tasks(dataset: Dataset) -> dict[str, str]:
-    return {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+        if tasks[picture.name] not in draft.graph:
+            params = PictureFile(suffix=picture.suffix, encoded=picture.encoded, space=picture.space)
+            draft.add(tasks[picture.name], params)
+    return tasks
 
 
 class LitThings(Things):
@@ -48,12 +52,15 @@ class LitThings(Things):
 
     def __init__(self, dataset: Dataset, *, painted: bool) -> None:
         super().__init__(dataset, painted=painted)
-        self.reads = _picture_tasks(dataset)
         self._lamps = {entry.prim_path: Shared(to_plain(entry.lamp)) for entry in dataset.lamps}
         self._finishes = {
             finish: Shared(to_plain(finish)) for finish in dict.fromkeys(e.finish for e in dataset.occluders) if finish
         }
         self._coats = tuple(entry.coat for entry in dataset.targets)
+
+    def reads(self, draft: Draft) -> dict[str, str]:
+        """Role and task of each picture."""
+        return _picture_tasks(draft)
 
     def view(self, frame: Frame, entry: CameraEntry, colours: tuple[Colours, ...]) -> LitPaintedView:
         """A frame before a camera, with its lamps."""
@@ -122,7 +129,7 @@ def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
             if then.name != entry.name:
                 reads["next"], together = draft.camera(then), f"labels/{entry.name}/{then.name}"
         if tile.view.lighting:
-            reads |= {picture.name: f"picture/{picture.name}" for picture in dataset.pictures}
+            reads |= _picture_tasks(draft)
         parts = [replace(tile, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
         tiles = draft.add_tiles(f"labels_tile/{name}", parts, reads, together, least=1)
         joined = Labels(exposure=exposure, channels=tile.channels, tiles=len(tiles))

@@ -60,7 +60,7 @@ def _image(draft: Draft, entry: CameraEntry, frame: Frame, colours: tuple[Colour
     sensor, of_camera = entry.asked.sensor, {"camera": draft.camera(entry)}
     bands = strips(sensor) if noise is not None else image_bands(sensor, entry.image_samples)
     parts = [things.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
-    reads = {**of_camera, **things.reads}
+    reads = {**of_camera, **things.reads(draft)}
     if noise is not None:
         of_strips = _strips(draft, f"image/{name}", parts, {**reads, "white": f"white_first/{camera}/"}, noise)
         whites = {f"white{strip}": f"white_strip/{camera}/{strip:04d}" for strip in range(len(parts))}

@@ -63,6 +63,11 @@ class LitImage(Image):
             return None
         return _SECONDS_PER_SURFACE * sum(_GOING_ON**met for met in range(self.view.lighting.bounces + 1))
 
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """Steps of kernel compilation, see `app.build`."""
+        return ("company", "lighting") if self.view and self.view.lighting else ()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channels:
@@ -105,6 +110,11 @@ class LabelsTile:
     def seconds_per_ray(self) -> float:
         """Processor time of a ray, for forecasts [s]."""
         return SECONDS_PER_MET
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """Steps of kernel compilation, see `app.build`."""
+        return ("lighting",) if self.view.lighting else ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
