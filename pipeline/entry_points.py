@@ -6,7 +6,8 @@ a build and then writes about its folder; `.sections`: functions (report, stage,
 about a build; `.readers`: `lens.SUFFIX` and `camera.SUFFIX`, functions of files; `.formats`: modules, see
 docs/export_format.md; `.scenes`: `reader`, a module that is a `scene.usd.plug_in.SceneReader`, and `things`, a
 `products.things.Things` that lamps light; `.kernels`: by the name of a step of compilation,
-`app.compile_kernels.Part`s.
+`app.compile_kernels.Part`s; `.poses`: `best`, the most informative poses for `new dataset`, and `prediction`, lines on
+how well a calibration by poses determines cameras.
 """
 
 import sys

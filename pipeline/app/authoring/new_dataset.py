@@ -11,20 +11,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.app.authoring.best import best_of
-from pipeline.app.authoring.poses import (
-    NOISE_PX,
-    PLENOPTIC_SHARES,
-    SHARES,
-    BoardPose,
-    CameraField,
-    Wish,
-    poses_that_fill,
-    predicted,
-)
+from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, BoardPose, CameraField, Wish, poses_that_fill
 from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_sound
 from pipeline.camera.focusing.depth_of_field import view_of
 from pipeline.engine.files import chosen_place
+from pipeline.entry_points import offered, plugged_in
 from pipeline.errors import UsageError
 from pipeline.frames import inverse
 from pipeline.records.declared import attributes_of
@@ -128,7 +119,7 @@ def new_dataset(
     dataset = _read(out, plan)
     fields, poses = _filled(_fields(dataset, wish), tell)
     if wish.of > 1:
-        poses = best_of(fields, poses, wish.count, tell)
+        poses = plugged_in("pose", "best")(fields, poses, wish.count, tell)
         for number, pose in enumerate(poses, 1):
             tell(f"pose {number} of {wish.count}: {_comment(pose)}")
     if wish.fit:
@@ -259,28 +250,21 @@ def _comment(pose: BoardPose) -> str:
 
 
 def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:
-    """Lines about the coverage of the poses, and the uncertainty of a calibration by them."""
+    """Lines about the coverage of the poses, and, by a plug-in, the uncertainty of a calibration by them."""
     depths, tilts = [pose.away_mm for pose in poses], [pose.tilt_deg for pose in poses]
     lines = [
         f"middles of the target {min(depths):.1f} to {max(depths):.1f} mm before the stop,"
         f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"
     ]
     seen_px = np.stack([pose.seen_px for pose in poses], axis=1)
-    for name, field, points_px, uncertainty in zip(names, fields, seen_px, predicted(fields, poses), strict=True):
+    predict = plugged_in("pose", "prediction") if "prediction" in offered("pose") else lambda *_: [[]] * len(fields)
+    for name, field, points_px, predicted in zip(names, fields, seen_px, predict(fields, poses), strict=True):
         points_px = points_px[np.isfinite(points_px[:, :, 0])]
         cells = np.floor((points_px + 0.5) / (2 * field.middle_px + 1) * _CELLS).astype(int)
         filled = len(np.unique(np.clip(cells, 0, np.array(_CELLS) - 1), axis=0))
         counts = f"{len(points_px)} points seen in {filled} of {_CELLS[0] * _CELLS[1]} cells of the image"
         lines.append(f"{name}: {counts}" if len(names) > 1 else f"{len(poses)} poses, {counts}")
-        if uncertainty is None and not field.camera.microlenses:
-            lines.append("no calibration of f, centre and k1: too few points, or no pinhole fits the lens")
-        if uncertainty:
-            f_px, (x_px, y_px) = uncertainty.principal_distance_px, uncertainty.principal_point_px
-            lines.append(
-                f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"
-                f" {100 * f_px / field.principal_distance_px:.2g} % ({f_px:.1f} px) and the centre to {x_px:.1f} x"
-                f" {y_px:.1f} px, one sigma"
-            )
+        lines += predicted
     return lines
 
 

@@ -11,7 +11,7 @@ then tilted less, then moved away, until it shows enough.
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,9 +22,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.figures.outlook import covered_mm
-from pipeline.camera.focusing.depth_of_field import foci, focused, middle_focus, view_of
+from pipeline.camera.focusing.depth_of_field import foci, middle_focus, view_of
 from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.pupil.from_stop import pupil_fan
@@ -33,13 +32,14 @@ from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.errors import UsageError
 from pipeline.fits.field import COLUMNS, ROWS, positions_px
-from pipeline.fits.information import Information, View
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
 from pipeline.targets.target import AnyTarget
 from pipeline.truth.direct.direct_rows import guesses, planes_of_rays, solve
 from pipeline.truth.planes import axes_across, faces_camera, tangent_planes
 
+CANDIDATES = 12
+"""Candidate poses per selected pose: with twice as many the best are better by a few percent."""
 _DEEPEST, _PLENOPTIC_DEEPEST = 2.0, 6.0
 """Farthest distance of a target over its nearest [1], without and with microlenses: a depth of field may reach to
 infinity. Calibrations profit from a large image of the target, with microlenses from all depths.
@@ -68,8 +68,6 @@ _LEAST_LIGHT = 0.2
 """Least share of the on-axis light with which a point counts as visible [1]: detectors fail in deep vignetting."""
 _APART = 1.5
 """Distance of the second plane of rays over that of the first, which is at the nearest depth [1]: rays are straight."""
-NOISE_PX = 0.05
-"""Standard deviation of a detected corner along x and y [px]: good detectors on sharp images of real boards."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,14 +105,6 @@ class BoardPose:
     def fewest_visible(self) -> int:
         """Number of points visible to the camera that sees fewest."""
         return int(np.isfinite(self.seen_px[:, :, 0]).sum(axis=1).min())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Uncertainty:
-    """Standard deviations of the results of a calibration, with `NOISE_PX` in each coordinate."""
-
-    principal_distance_px: float
-    principal_point_px: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,40 +285,6 @@ def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (Tru
             message = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
             raise UsageError(message, hint=hint)
         yield pose
-
-
-def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[Uncertainty | None]:
-    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and for too few points."""
-    uncertainties = list[Uncertainty | None]()
-    for number, field in enumerate(fields):
-        pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
-        visible = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
-        placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
-        fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
-        k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
-        views = zip(placed, visible, strict=True)
-        uncertainties.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
-    return uncertainties
-
-
-def _uncertainty(
-    principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
-) -> Uncertainty | None:
-    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where there are too few points.
-
-    A view is pinhole_from_target, and the visible points, target frame [mm].
-    """
-    values = np.array([principal_distance_px, 0.0, 0.0, k1])
-    posed = [View(pose, points, np.zeros((len(points), 0)), np.zeros((len(points), 2))) for pose, points in views]
-    information = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
-    f_px, x_px, y_px, _ = information.deviations.tolist()
-    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if information.rank == 4 else None
-
-
-def _simple(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
-    """Projection by one focal length, a centre and k1."""
-    u = points[:, :2] / points[:, 2:]
-    return np.asarray(p[0] * (1 + p[3] * (u * u).sum(axis=1))[:, None] * u + p[1:3])
 
 
 def _tried(

@@ -47,9 +47,8 @@ def dataset(
     It predicts how well a calibration by these poses determines the camera, and what limits that. Repeating the command
     writes an identical file. The file is a starting point to edit: every pose has a comment.
     """
-    from pipeline.app.authoring.best import CANDIDATES
     from pipeline.app.authoring.new_dataset import new_dataset
-    from pipeline.app.authoring.poses import Wish
+    from pipeline.app.authoring.poses import CANDIDATES, Wish
 
     if poses is not None and best is not None:
         raise UsageError("--poses and --best both say how many frames there are", hint="give one of them")

@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.fits.field import FieldRays, FitError, field_rays
 from pipeline.fits.fitting import CENTRE, MODELS, fitted, rms
-from pipeline.fits.information import Information, Project, View, information
+from pipeline.plugins.fits.information import Information, Project, View, information
 from pipeline.plugins.fits.result import THIN_LENS
 from pipeline.plugins.fits.splined import EXAMPLE, Splined
 from pipeline.plugins.fits.thin_plenoptic import FULL, PARAMETERS, on_sensor_px, thin_plenoptic

@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from pipeline.fits.field import FitError
-from pipeline.fits.information import derivatives
+from pipeline.plugins.fits.information import derivatives
 from pipeline.records.shapes import Float64
 
 EXAMPLE = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=12_Ny=9_fov_x_deg=60"

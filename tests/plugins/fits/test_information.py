@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from pipeline.errors import UsageError
 from pipeline.fits.field import FitError
 from pipeline.fits.fitting import MODELS
-from pipeline.fits.information import Information, View, information
 from pipeline.frames import apply, rigid
+from pipeline.plugins.fits.information import Information, View, information
 from pipeline.plugins.fits.informing import document, drawing, inform, page
 from pipeline.plugins.fits.knowledge import Knowledge
 from pipeline.plugins.fits.splined import EXAMPLE, Splined

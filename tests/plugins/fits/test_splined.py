@@ -6,7 +6,7 @@ from debian_mrcal import by_mrcal
 from scipy.interpolate import BSpline
 
 from pipeline.fits.field import FitError
-from pipeline.fits.information import derivatives
+from pipeline.plugins.fits.information import derivatives
 from pipeline.plugins.fits.splined import EXAMPLE, Splined
 
 CORE = np.array([800.0, 810.0, 320.0, 240.0])

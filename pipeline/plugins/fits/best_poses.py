@@ -1,24 +1,26 @@
-"""Selection of the most informative poses for a calibration of cameras.
+"""What poses of a target tell a calibration of cameras, and selection of the most informative ones.
 
 A set of poses is rated by the mean variance of projections over image and depth of field (I-optimality), by OpenCV's
 five coefficients, or by a fisheye model for very wide lenses. Poses are exchanged one by one while that gains, as by
 Cook and Nachtsheim, Technometrics 22 (1980) 315, but each gain is taken at once.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.app.authoring.poses import NOISE_PX, BoardPose, CameraField
+from pipeline.app.authoring.poses import BoardPose, CameraField
+from pipeline.camera.figures.equivalent_pinhole import pinhole
+from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.errors import UsageError
 from pipeline.fits.field import field_rays
 from pipeline.fits.fitting import CENTRE, MODELS, fitted
-from pipeline.fits.information import Information, View, derivatives
+from pipeline.plugins.fits.information import Information, View, derivatives
 from pipeline.results.opening import ready
 
-CANDIDATES = 12
-"""Candidate poses per selected pose: with twice as many the best are better by a few percent."""
+NOISE_PX = 0.05
+"""Standard deviation of a detected corner along x and y [px]: good detectors on sharp images of real boards."""
 _EVERY = 29
 """Step through the grid of the field [1]: some thirty projections at each distance, all over the image, because no row
 is a multiple of this prime.
@@ -29,6 +31,14 @@ _PASSES = 4
 """Most rounds of exchanges: each tries every candidate in every slot."""
 _GAINS = 1e-3
 """Least relative decrease of the variance that justifies an exchange."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Uncertainty:
+    """Standard deviations of the results of a calibration, with `NOISE_PX` in each coordinate."""
+
+    principal_distance_px: float
+    principal_point_px: tuple[float, float]
 
 
 class _Judge:
@@ -95,3 +105,56 @@ def best_of(
         f" one sigma over image and depth of field, with corners detected to {NOISE_PX:g} px"
     )
     return [poses[i] for i in sorted(chosen)]
+
+
+def prediction(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[list[str]]:
+    """Lines about the uncertainty of each camera's calibration by these poses."""
+    return [
+        [] if field.camera.microlenses else [_shown(field, uncertainty)]
+        for field, uncertainty in zip(fields, predicted(fields, poses), strict=True)
+    ]
+
+
+def _shown(field: CameraField, uncertainty: Uncertainty | None) -> str:
+    if uncertainty is None:
+        return "no calibration of f, centre and k1: too few points, or no pinhole fits the lens"
+    f_px, (x_px, y_px) = uncertainty.principal_distance_px, uncertainty.principal_point_px
+    return (
+        f"a calibration (f, centre, k1; corners detected to {NOISE_PX:g} px) knows f to"
+        f" {100 * f_px / field.principal_distance_px:.2g} % ({f_px:.1f} px) and the centre to {x_px:.1f} x"
+        f" {y_px:.1f} px, one sigma"
+    )
+
+
+def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[Uncertainty | None]:
+    """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and for too few points."""
+    uncertainties = list[Uncertainty | None]()
+    for number, field in enumerate(fields):
+        pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
+        visible = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
+        placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
+        fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
+        k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
+        views = zip(placed, visible, strict=True)
+        uncertainties.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
+    return uncertainties
+
+
+def _uncertainty(
+    principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
+) -> Uncertainty | None:
+    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where there are too few points.
+
+    A view is pinhole_from_target, and the visible points, target frame [mm].
+    """
+    values = np.array([principal_distance_px, 0.0, 0.0, k1])
+    posed = [View(pose, points, np.zeros((len(points), 0)), np.zeros((len(points), 2))) for pose, points in views]
+    information = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
+    f_px, x_px, y_px, _ = information.deviations.tolist()
+    return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if information.rank == 4 else None
+
+
+def _simple(p: np.ndarray, points: np.ndarray, _: np.ndarray) -> np.ndarray:
+    """Projection by one focal length, a centre and k1."""
+    u = points[:, :2] / points[:, 2:]
+    return np.asarray(p[0] * (1 + p[3] * (u * u).sum(axis=1))[:, None] * u + p[1:3])
