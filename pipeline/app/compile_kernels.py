@@ -109,9 +109,9 @@ def _micro_images() -> None:
 
 
 def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
-    board, place = Target(_SQUARES), np.eye(4)
-    place[2, 3] = 100.0
-    scenes = [TargetLight([(board, place)], 0.0, [(occluder, place) for occluder in occluders])]
+    board, pose = Target(_SQUARES), np.eye(4)
+    pose[2, 3] = 100.0
+    scenes = [TargetLight([(board, pose)], 0.0, [(occluder, pose) for occluder in occluders])]
     rig = Rig.of(tracer)
     white, foreign = irradiance_and_crosstalk(rig, 1, None)
     pictures(rig, 1, scenes, np.array([white - foreign, foreign]))

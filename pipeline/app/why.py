@@ -114,8 +114,10 @@ class _Since:
 
     def _collected(self, *parts: str, frame: int | None) -> list[Edit]:
         """Edits of some parts at a frame; "" has all of them."""
-        within = [edits for part, edits in self._edits.items() if any(is_below(part, whole or part) for whole in parts)]
-        edits = {id(edit): edit for some in within for edit in some}
+        within = [
+            edits for part, edits in self._edits.items() if any(is_below(part, wanted or part) for wanted in parts)
+        ]
+        edits = {id(edit): edit for group in within for edit in group}
         return [edit for edit in edits.values() if frame is None or edit.time in (None, frame)]
 
 

@@ -76,10 +76,10 @@ def field_rays(camera: ReadyCamera) -> FieldRays:
     """
     tracer, rig = camera.rig.tracer, camera.rig
     bare = Tracer(replace(tracer.camera, microlenses=None), tracer.seed)
-    seen = replace(camera, rig=Rig.of(bare, rig.square_px))
-    size_px = seen.camera.sensor.width_px, seen.camera.sensor.height_px
-    rays = seen.rays(*positions_px(size_px).T, accuracy_px=_ACCURACY_PX)
-    return lit_field(camera.name, rays, seen.planes_mm, size_px, paraxial_pinhole(seen.camera))
+    main_lens = replace(camera, rig=Rig.of(bare, rig.square_px))
+    size_px = main_lens.camera.sensor.width_px, main_lens.camera.sensor.height_px
+    rays = main_lens.rays(*positions_px(size_px).T, accuracy_px=_ACCURACY_PX)
+    return lit_field(camera.name, rays, main_lens.planes_mm, size_px, paraxial_pinhole(main_lens.camera))
 
 
 def positions_px(size_px: tuple[int, int]) -> np.ndarray:
@@ -112,7 +112,7 @@ def pupil_curve(field: FieldRays) -> PupilCurve:
     angle = np.arctan2(across, field.rays.direction[:, 2])
     rows = np.flatnonzero(angle > np.arctan(_STEEP))
     rows = rows[np.argsort(angle[rows], kind="stable")]
-    origin, way = field.rays.origin_mm[rows], field.rays.direction[rows]
-    along = -np.einsum("ni,ni->n", origin[:, :2], way[:, :2]) / across[rows] ** 2
-    nearest = origin + along[:, None] * way
+    origin, direction = field.rays.origin_mm[rows], field.rays.direction[rows]
+    along = -np.einsum("ni,ni->n", origin[:, :2], direction[:, :2]) / across[rows] ** 2
+    nearest = origin + along[:, None] * direction
     return PupilCurve(angle_deg=np.degrees(angle[rows]), z_mm=nearest[:, 2], aside_mm=np.hypot(*nearest[:, :2].T))

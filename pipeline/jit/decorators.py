@@ -231,15 +231,15 @@ def _make_callable(kernel: Kernel) -> None:
 
         name = bytearray(pickle.dumps((kernel._home, signature.args)))
         slot = variable(pointer, None)
-        known, before = builder.load(slot), builder.block
-        with builder.if_then(builder.icmp_unsigned("==", known, ir.Constant(pointer, None)), likely=False):
+        kept, before = builder.load(slot), builder.block
+        with builder.if_then(builder.icmp_unsigned("==", kept, ir.Constant(pointer, None)), likely=False):
             find = module.globals.get(_FIND) or ir.Function(
                 module, ir.FunctionType(pointer, [pointer, size, pointer]), _FIND
             )
             text = builder.bitcast(variable(ir.ArrayType(ir.IntType(8), len(name)), name), pointer)
             found, after = builder.call(find, [text, size(len(name)), builder.bitcast(slot, pointer)]), builder.block
         address = builder.phi(pointer)
-        address.add_incoming(known, before)
+        address.add_incoming(kept, before)
         address.add_incoming(found, after)
         result = context.get_value_type(signature.return_type)
         function = ir.FunctionType(result, [argument.type for argument in arguments]).as_pointer()

@@ -145,9 +145,9 @@ def device_name() -> str:
 
 def require_device(name: str) -> None:
     """EnvironmentFault for a device other than that of a name, under which results are kept, or for none."""
-    here = device_name()
-    if here != name:
-        raise EnvironmentFault(f"this is for {name}, and here is {here}", hint="build anew, with --device or without")
+    ours = device_name()
+    if ours != name:
+        raise EnvironmentFault(f"this is for {name}, and here is {ours}", hint="build anew, with --device or without")
 
 
 def is_simulated() -> bool:

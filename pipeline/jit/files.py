@@ -139,8 +139,8 @@ def _reached(package: Path) -> dict[Path, bytes]:
         if path in sources and path not in reached:
             reached[path] = sources[path]
             for name in _IMPORTED.findall(sources[path]):
-                place = package.parent / name.decode().replace(".", "/")
-                todo += [place.with_suffix(".py"), *place.glob("*.py")]
+                module = package.parent / name.decode().replace(".", "/")
+                todo += [module.with_suffix(".py"), *module.glob("*.py")]
     return reached
 
 

@@ -59,8 +59,8 @@ class Draft(NamedTuple):
         This is in the module of its params, or where that is called `params`, in the module `make` beside it, unless
         the params name its home as `MODULE`.
         """
-        place = type(params).__module__
-        home = getattr(params, "MODULE", None) or re.sub(r"\.params$", ".make", place)
+        module = type(params).__module__
+        home = getattr(params, "MODULE", None) or re.sub(r"\.params$", ".make", module)
         task = Task(
             name=name,
             kind=f"{home}:{name.partition('/')[0]}",

@@ -199,10 +199,10 @@ def _cost_of_rows(params: Truth | Certificate, plain: bytes) -> tuple[float, flo
     for target in targets:
         every, z_mm = target_from_plain(target.target).points().kinds, target.vision_from_target[2][3]
         first, end = points.get(target.name, (0, 0)) if points else (0, len(every))
-        some = (end - first) * (microlenses_lit(camera, array, z_mm) if array else 1)
+        solved = (end - first) * (microlenses_lit(camera, array, z_mm) if array else 1)
         row, look, judge = (0, 0, JUDGES_RAYS[0]) if array else _rays_of_row(plain, z_mm, params.square_px, claim_px)
-        rows += some
-        rays += some * (judge if isinstance(params, Certificate) else row + look * is_hidden)
+        rows += solved
+        rays += solved * (judge if isinstance(params, Certificate) else row + look * is_hidden)
     if isinstance(params, Certificate):
         return rays / max(1.0, rows) * min(of := rows * len(params.frames), rows_of_build(int(of))), 0.0
     lights = len(params.table.channel.wavelengths_nm) if params.table.channel else 1

@@ -53,8 +53,8 @@ def visibility_then(
     # A board that comes nearer would hide its own points as they were before.
     bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes.at(rows.point, times_s[when]))
     for number in np.unique(when).tolist():
-        here = when == number
-        share[here], _ = visibility(rig, surroundings[number], target, *bundles.only(here))
+        is_nearest = when == number
+        share[is_nearest], _ = visibility(rig, surroundings[number], target, *bundles.only(is_nearest))
     return share
 
 

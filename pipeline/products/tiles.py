@@ -77,11 +77,11 @@ def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str,
     rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
     tiles = []
     for low, high in bands(count, rows / _ROWS) if count else []:
-        before, some = 0, dict[str, tuple[int, int]]()
+        before, tile = 0, dict[str, tuple[int, int]]()
         for name, size in sorted(points.items()):
             first, end = max(low - before, 0), min(high - before, size)
             if first < end or (size == 0 and low == 0):
-                some[name] = first, end
+                tile[name] = first, end
             before += size
-        tiles.append(some)
+        tiles.append(tile)
     return tiles

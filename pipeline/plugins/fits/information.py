@@ -101,8 +101,8 @@ class Information:
     def covariance(self) -> np.ndarray:
         """Least covariance of the parameters, (m, m); undetermined directions are left out."""
         size, values, vectors = self.scaled
-        known = vectors[:, values > 0]
-        return (known / values[values > 0]) @ known.T / np.outer(size, size)
+        determined = vectors[:, values > 0]
+        return (determined / values[values > 0]) @ determined.T / np.outer(size, size)
 
     @property
     def deviations(self) -> np.ndarray:
@@ -129,9 +129,9 @@ class Information:
         share = 1 / len(self.views)
         for view, block in zip(self.views, self.blocks, strict=True):
             by_pose = share * _by_pose(by_point, points_mm, view.model_from_target[:3, 3])
-            known = np.linalg.pinv(block.pose)
-            by_own = by_own - by_pose @ known @ block.mixed.T
-            of_poses += by_pose @ known @ by_pose.transpose(0, 2, 1)
+            inverse = np.linalg.pinv(block.pose)
+            by_own = by_own - by_pose @ inverse @ block.mixed.T
+            of_poses += by_pose @ inverse @ by_pose.transpose(0, 2, 1)
         result = by_own @ self.covariance @ by_own.transpose(0, 2, 1) + self.noise_px**2 * of_poses
         size, values, _ = self.scaled
         least = ((by_own @ (self.gauge / size).T) ** 2).sum(axis=(1, 2)) / (_NOTHING * values.max())
@@ -143,39 +143,39 @@ def information(
     names: Sequence[str], project: Project, start: np.ndarray, views: Sequence[View], noise_px: float
 ) -> Information:
     """Fit a model and all poses to the rows of views, by Gauss and Newton, and take the information there."""
-    known, damping = Information.of(names, project, start, views, noise_px), 0.0
+    fit, damping = Information.of(names, project, start, views, noise_px), 0.0
     for _ in range(_STEPS):
-        stepped = _stepped(known, damping)
-        last, total = (float((of.residual_px**2).sum()) for of in (known, stepped))
+        stepped = _stepped(fit, damping)
+        last, total = (float((of.residual_px**2).sum()) for of in (fit, stepped))
         if total < last:
-            known = stepped
+            fit = stepped
         elif damping < 1 and not total - last <= _SETTLED * last:  # astray, along what the views hardly tell
             damping = max(100 * damping, _DAMPED)
             continue
         if last - total <= (_NEAR if damping else _SETTLED) * total:
             break
-    return known
+    return fit
 
 
-def _stepped(known: Information, damping: float) -> Information:
+def _stepped(fit: Information, damping: float) -> Information:
     """The model and all poses a step of Gauss and Newton nearer to the rows; `damping`: added to the information about
     directions of scaled parameters, over the largest.
     """
-    _, pull = _without_poses(known.blocks)
-    size, values, vectors = known.scaled
+    _, pull = _without_poses(fit.blocks)
+    size, values, vectors = fit.scaled
     part = vectors[:, values > 0]
-    by = -part @ (part.T @ (pull / size) / (values[values > 0] + damping * values.max())) / size / known.noise_px**2
-    moved = [_moved(view, block, by) for view, block in zip(known.views, known.blocks, strict=True)]
-    return Information.of(known.names, known.project, known.parameters + by, moved, known.noise_px)
+    by = -part @ (part.T @ (pull / size) / (values[values > 0] + damping * values.max())) / size / fit.noise_px**2
+    moved = [_moved(view, block, by) for view, block in zip(fit.views, fit.blocks, strict=True)]
+    return Information.of(fit.names, fit.project, fit.parameters + by, moved, fit.noise_px)
 
 
 def _block(project: Project, p: np.ndarray, view: View) -> tuple[Block, np.ndarray]:
     """A view's part, and its residuals (n, 2)."""
-    place = apply(view.model_from_target, view.points_mm)
-    by_own, by_point = derivatives(project, p, place, view.of_rows)
-    residual = project(p, place, view.of_rows) - view.x_px
+    moved_mm = apply(view.model_from_target, view.points_mm)
+    by_own, by_point = derivatives(project, p, moved_mm, view.of_rows)
+    residual = project(p, moved_mm, view.of_rows) - view.x_px
     own = by_own.reshape(-1, len(p))
-    pose = _by_pose(by_point, place, view.model_from_target[:3, 3]).reshape(-1, _POSE)
+    pose = _by_pose(by_point, moved_mm, view.model_from_target[:3, 3]).reshape(-1, _POSE)
     pull = np.concatenate([own, pose], axis=1).T @ residual.ravel()
     return Block(own.T @ own, own.T @ pose, pose.T @ pose, pull), residual
 
@@ -185,9 +185,9 @@ def _without_poses(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
     m = len(blocks[0].own)
     matrix, pull = np.zeros((m, m)), np.zeros(m)
     for block in blocks:
-        known = np.linalg.pinv(block.pose)
-        matrix += block.own - block.mixed @ known @ block.mixed.T
-        pull += block.pull[:m] - block.mixed @ known @ block.pull[m:]
+        inverse = np.linalg.pinv(block.pose)
+        matrix += block.own - block.mixed @ inverse @ block.mixed.T
+        pull += block.pull[:m] - block.mixed @ inverse @ block.pull[m:]
     return (matrix + matrix.T) / 2, pull
 
 

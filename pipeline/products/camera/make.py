@@ -63,8 +63,8 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None, alon
 
 def _channel(camera: Camera, channel: Channel, windows: Windows | None) -> Json:
     """A channel: its wavelengths, and what the lens is at their mean."""
-    seen, mean_nm = camera.in_light(channel), channel.middle.wavelength_nm
-    lens = paraxial.first_order((seen.behind(windows, mean_nm) if windows else seen).prescription)
+    in_channel, mean_nm = camera.in_light(channel), channel.middle.wavelength_nm
+    lens = paraxial.first_order((in_channel.behind(windows, mean_nm) if windows else in_channel).prescription)
     return {
         "name": channel.name,
         "mean_wavelength_nm": channel.middle.wavelength_nm,

@@ -49,9 +49,9 @@ def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget
     frames = []
     for number, (_, table) in zip(numbers, tables, strict=True):
         points = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
-        seen = Counter(target for target, _ in points)
+        counts = Counter(target for target, _ in points)
         frames.append(
-            {"frame": number, "rows": len(table.columns["target"]), "seen": {name: seen[name] for name in of}}
+            {"frame": number, "rows": len(table.columns["target"]), "seen": {name: counts[name] for name in of}}
         )
     return {"of": of, "frames": frames}
 
@@ -78,8 +78,8 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
     cell = cells_of(rig, table)
     parts = []
     for entry in targets:
-        here, planes = names == entry.name, planes_of(rig, entry, shutter)
-        parts.append(Rows(planes.exposed(point[here], x[here]), cell[here], x[here], is_direct))
+        of_target, planes = names == entry.name, planes_of(rig, entry, shutter)
+        parts.append(Rows(planes.exposed(point[of_target], x[of_target]), cell[of_target], x[of_target], is_direct))
     return parts
 
 

@@ -12,13 +12,13 @@ def plan_colours(draft: Draft) -> None:
 
 
 def _plan(draft: Draft, entry: CameraEntry) -> None:
-    seen = entry.in_channels if entry.channels else ()
-    labels = tuple(label for camera in seen if (label := channel_label(camera)))
+    cameras = entry.in_channels if entry.channels else ()
+    labels = tuple(label for camera in cameras if (label := channel_label(camera)))
     numbers = [frame.number for frame in draft.dataset.frames_of(entry)]
     images = [("white", "", f"cameras/{entry.name}")]
     images += [("image", f"/{frame:04d}", f"frames/{frame:04d}/{entry.name}") for frame in numbers]
-    for kind, frame, folder in images if seen else ():
-        reads = {f"channel{i}": f"{kind}/{camera.full_name}{frame}" for i, camera in enumerate(seen)}
+    for kind, frame, folder in images if cameras else ():
+        reads = {f"channel{i}": f"{kind}/{camera.full_name}{frame}" for i, camera in enumerate(cameras)}
         params = ColourImage(name=kind, channels=labels, colorimetry=next(iter(entry.colorimetry), None))
         joined = draft.add(f"colour_image/{entry.name}{frame}", params, reads)
         files = [f"{kind}.exr", f"{kind}.png"] + [SPECTRAL] * params.is_spectral

@@ -47,29 +47,29 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
     if params.with_blur:
         arrays["blur_px2"] = np.full((rows, numbers, 2, 2), np.nan)
     cells = cells_of(rig, table)
-    for place, entry in enumerate(params.here.targets):
-        here = _planes(params.here, place, rig)
+    for index, entry in enumerate(params.nominal.targets):
+        planes = _planes(params.nominal, index, rig)
         variations = [
             Variation(
                 number.step,
                 *(
-                    Neighbour(tracer, here if seen is None else _planes(seen, place, rig))
-                    for tracer, seen in zip(of_number, (number.less, number.more), strict=True)
+                    Neighbour(tracer, planes if targets is None else _planes(targets, index, rig))
+                    for tracer, targets in zip(of_number, (number.less, number.more), strict=True)
                 ),
             )
             for number, of_number in zip(params.numbers, tracers, strict=True)
         ]
         of_target = names == entry.name
-        solved_rows = SolvedRows(point[of_target], cells[of_target], x_px[of_target], here)
+        solved_rows = SolvedRows(point[of_target], cells[of_target], x_px[of_target], planes)
         rates = rates_of(rig, solved_rows, variations, with_blur=params.with_blur)
         for name in set(arrays) - {"names", "units"}:
             arrays[name][of_target] = getattr(rates, name)
     write_npz(out / DERIVATIVES, (*_REMARKS, *([_REMARK_OF_BLUR] if params.with_blur else [])), arrays)
 
 
-def _planes(seen: SeenTargets, place: int, rig: Rig) -> Planes:
+def _planes(view: SeenTargets, index: int, rig: Rig) -> Planes:
     """Tangent planes of the points of a target, by its place among those that are seen."""
-    entry = seen.targets[place]
+    entry = view.targets[index]
     target, pose = placed_target(entry)
     posed = PosedPoints(entry.name, target.points(), pose)
-    return posed.before(rig, seen.shutter, entry.motion)
+    return posed.before(rig, view.shutter, entry.motion)

@@ -34,7 +34,7 @@ class VariedView:
 class RowDerivatives:
     """Derivatives of the rows of a frame by all numbers; cameras that differ, too, are read as `less3` and `more3`."""
 
-    here: SeenTargets
+    nominal: SeenTargets
     numbers: tuple[VariedView, ...]
     square_px: float
     seed: int

@@ -15,12 +15,12 @@ def plan_derivatives(draft: Draft) -> None:
 def _plan(draft: Draft, camera: CameraEntry) -> None:
     dataset, files = draft.dataset, draft.files
     numbers = dataset.varied.get(camera.prim_path, ())
-    for place, entry in enumerate(camera.in_channels if numbers else ()):
-        ends = [tuple(_entry_in(end, camera, place) for end in (number.less, number.more)) for number in numbers]
-        reads, camera_here = {"camera": draft.camera(entry)}, settled(entry)
+    for channel, entry in enumerate(camera.in_channels if numbers else ()):
+        ends = [tuple(_entry_in(end, camera, channel) for end in (number.less, number.more)) for number in numbers]
+        reads, nominal_camera = {"camera": draft.camera(entry)}, settled(entry)
         for position, pair in enumerate(ends):
             varied = [settled(end) for end in pair]
-            if varied == [camera_here, camera_here]:
+            if varied == [nominal_camera, nominal_camera]:
                 continue
             for side, changed in zip(SIDES, varied, strict=True):
                 role = f"{side}{position}"
@@ -30,18 +30,18 @@ def _plan(draft: Draft, camera: CameraEntry) -> None:
         for index, frame in enumerate(dataset.frames):
             if camera.name not in frame.camera_from_world:
                 continue
-            here = _seen(placed, dataset, frame, entry)
+            nominal = _view(placed, dataset, frame, entry)
             views = []
             for number, of, sides in zip(numbers, things, ends, strict=True):
-                seen = [
-                    _seen(placed_there, end, end.frames[index], side)
+                moved_views = [
+                    _view(placed_there, end, end.frames[index], side)
                     for placed_there, end, side in zip(of, (number.less, number.more), sides, strict=True)
                 ]
-                moved = [None if there == here else there for there in seen]
+                moved = [None if there == nominal else there for there in moved_views]
                 view = VariedView(name=number.name, unit=number.unit, step=number.step, less=moved[0], more=moved[1])
                 views.append(view)
             params = RowDerivatives(
-                here=here,
+                nominal=nominal,
                 numbers=tuple(views),
                 square_px=entry.square_px,
                 seed=entry.sampling.seed,
@@ -57,7 +57,7 @@ def _entry_in(dataset: Dataset, camera: CameraEntry, channel: int) -> CameraEntr
     return next(entry for entry in dataset.cameras if entry.name == camera.name).in_channels[channel]
 
 
-def _seen(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> SeenTargets:
+def _view(things: Things, dataset: Dataset, frame: Frame, camera: CameraEntry) -> SeenTargets:
     motions = frame.motions.get(camera.name)
     targets = things.targets(target_poses(dataset, frame, camera.name), motions)
     return SeenTargets(targets=targets, shutter=camera.shutter if motions and motions.targets else None)

@@ -138,8 +138,8 @@ def white_tile(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np
     than that of the pixel's cell: two arrays, which `white` joins and images read.
     """
     rig = imaged_rig(inputs, params.exposure)
-    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
-    white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if known is None else known
+    smooth = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
+    white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if smooth is None else smooth
     for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
         write_npy(out / name, np.ascontiguousarray(pixels))
     return white, foreign
@@ -165,20 +165,20 @@ def white_strip(params: White, inputs: Inputs, out: Path) -> None:
 
 
 def _white_replicas(params: White, rig: Rig, number: int) -> np.ndarray:
-    known = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
+    smooth = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
 
     def parts(batch: Batch) -> np.ndarray:
-        return imaging.white_parts(rig, batch, params.rows) if known is None else known
+        return imaging.white_parts(rig, batch, params.rows) if smooth is None else smooth
 
     return replicas_of(number, params.exposure.samples, parts)
 
 
 def white(params: White, inputs: Inputs, out: Path) -> None:
     """The image of a white scene, i.e. vignetting and, behind microlenses, micro-images: white.exr and white.png."""
-    tracer, whole = tracer_alone(inputs, params.exposure.seed), None
+    tracer, of_strips = tracer_alone(inputs, params.exposure.seed), None
     if params.noise is not None:
         means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
-        whole = ended(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
+        of_strips = ended(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
         white, foreign = np.concatenate(means, axis=2).mean(axis=0)
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
@@ -186,9 +186,9 @@ def white(params: White, inputs: Inputs, out: Path) -> None:
         white, foreign = white_tile(params, inputs, out)
     white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
     parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
-    if whole is not None:
-        parts += whole.parts
-    write_image(out, "white", Rendered(white, parts, whole and whole.labels), params.exposure, tracer)
+    if of_strips is not None:
+        parts += of_strips.parts
+    write_image(out, "white", Rendered(white, parts, of_strips and of_strips.labels), params.exposure, tracer)
 
 
 def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
@@ -225,21 +225,21 @@ def image_rows(images: Sequence[Image], inputs: Inputs, scenes_at: ScenesAt) -> 
     width_px, height_px = rig.tracer.camera.sensor.size_px
     all_rows = rows or (0, height_px)
 
-    def rendered(scenes: list[SceneView], some: Rows, columns: Rows) -> np.ndarray:
+    def rendered(scenes: list[SceneView], lines: Rows, columns: Rows) -> np.ndarray:
         first, end = steadied_by(rig, columns)
-        there = white[:, some[0] - all_rows[0] : some[1] - all_rows[0], first:end]
-        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, some, (first, end))
+        there = white[:, lines[0] - all_rows[0] : lines[1] - all_rows[0], first:end]
+        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, lines, (first, end))
         return light[..., columns[0] - first : columns[1] - first]
 
     result = np.empty((len(images), all_rows[1] - all_rows[0], width_px))
     still = [number for number, image in enumerate(images) if image.shutter is None]
     moving = [[number] for number, image in enumerate(images) if image.shutter is not None]
-    for some in filter(None, [still, *moving]):
-        for times_s, lines, columns in exposures(images[some[0]].shutter, all_rows, (width_px, height_px)):
-            scenes = [scene for number in some for scene in scenes_at(images[number].view, times_s, inputs)]
+    for numbers in filter(None, [still, *moving]):
+        for times_s, lines, columns in exposures(images[numbers[0]].shutter, all_rows, (width_px, height_px)):
+            scenes = [scene for number in numbers for scene in scenes_at(images[number].view, times_s, inputs)]
             light = rendered(scenes, lines, columns)
-            of_images = light.reshape(len(some), len(times_s), *light.shape[1:])
-            result[some, slice(*(line - all_rows[0] for line in lines)), slice(*columns)] = of_images.mean(axis=1)
+            of_images = light.reshape(len(numbers), len(times_s), *light.shape[1:])
+            result[numbers, slice(*(line - all_rows[0] for line in lines)), slice(*columns)] = of_images.mean(axis=1)
     return result
 
 
@@ -259,8 +259,8 @@ def exposures(
         return
     count = shutter.instants if shutter.exposure_s else 1
     after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
-    for opens_s, some, columns in shutter.lines(rows, size_px):
-        yield (opens_s + after_s).tolist(), some, columns
+    for opens_s, lines, columns in shutter.lines(rows, size_px):
+        yield (opens_s + after_s).tolist(), lines, columns
 
 
 def image_first(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
@@ -268,9 +268,9 @@ def image_first(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = 
     wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
     """
     now, colour = _image_replicas(params, inputs, 0, None, scenes_at)
-    known = imaging.known_in_lights(tracer_alone(inputs, params.exposure.seed), _first_white(inputs), colour)
+    unsampled = imaging.known_in_lights(tracer_alone(inputs, params.exposure.seed), _first_white(inputs), colour)
     write_npy(out / COLOURS, colour)
-    write_first(out, now, now.mean(axis=0) + known)
+    write_first(out, now, now.mean(axis=0) + unsampled)
 
 
 def image_strip(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
@@ -290,17 +290,17 @@ def _image_replicas(
     rows, shutter = params.rows, params.shutter
     assert rows is not None  # passes are over strips
     rig, white, parts = imaged_rig(inputs, params.exposure), _first_white(inputs), []
-    for times_s, some, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
+    for times_s, lines, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
         scenes = scenes_at(params.view, times_s, inputs)
         first, end = steadied_by(rig, columns)
-        bands = imaging.bands_in_lights(rig, some, (first, end))
-        there = white[:, some[0] - rows[0] : some[1] - rows[0], first:end]
+        bands = imaging.bands_in_lights(rig, lines, (first, end))
+        there = white[:, lines[0] - rows[0] : lines[1] - rows[0], first:end]
         colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
         sampled = partial(_sampled, rig, bands, scenes, there, colour)
         light = replicas_of(number, params.exposure.samples, sampled)
-        seen = np.nan_to_num(colour).mean(axis=0) if shutter else colour[0]
+        unsampled = np.nan_to_num(colour).mean(axis=0) if shutter else colour[0]
         own = slice(columns[0] - first, columns[1] - first)
-        parts.append((light[..., own], seen[..., own, :]))
+        parts.append((light[..., own], unsampled[..., own, :]))
     now, colour = (np.concatenate(part, axis=2 - shutter.axis if shutter else 1) for part in zip(*parts, strict=True))
     return now, colour
 
@@ -333,8 +333,10 @@ def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
 
     def replicas(strip: int) -> np.ndarray:
         colour = read_npy(inputs[f"{FIRST}{strip}"][COLOURS])
-        known = [imaging.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])]
-        return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(known)  # type: ignore[no-any-return]
+        unsampled = [
+            imaging.known_in_lights(tracer, white, colour) for white in read_npy(inputs[f"white{strip}"][MEANS])
+        ]
+        return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(unsampled)  # type: ignore[no-any-return]
 
     return ended(inputs, noise, replicas)
 

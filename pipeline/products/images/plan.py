@@ -87,7 +87,7 @@ def _strips(
     kind, _, subject = name.partition("/")
     first = draft.add_tiles(f"{kind}_first/{subject}", parts, reads, least=1)
     firsts = {f"{FIRST}{number}": task for number, task in enumerate(first.values())}
-    known = {**reads, **firsts, OWN: f"{kind}_first/{subject}/"}
+    inputs = {**reads, **firsts, OWN: f"{kind}_first/{subject}/"}
     passes = 1 + max(0, (MOST_SAMPLES // parts[0].exposure.samples).bit_length() - 1)
     wanted = [replace(part, noise=noise, passes=passes) for part in parts]
-    return {**draft.add_tiles(f"{kind}_strip/{subject}", wanted, known, least=1), **firsts}
+    return {**draft.add_tiles(f"{kind}_strip/{subject}", wanted, inputs, least=1), **firsts}

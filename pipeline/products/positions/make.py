@@ -49,9 +49,9 @@ def positions(params: Positions, inputs: Inputs, out: Path) -> None:
 
 def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
     """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
-    seen = candidates(rig, points_mm)
-    centre = np.rint(fine_from_image(seen.x_px, supersampling)).astype(int)
-    room = np.ceil(seen.reach_px * supersampling).astype(int) + 2
+    found = candidates(rig, points_mm)
+    centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
+    room = np.ceil(found.reach_px * supersampling).astype(int) + 2
     return [
         (slice(max(row - far, 0), max(row + far + 1, 0)), slice(max(column - far, 0), max(column + far + 1, 0)))
         for (column, row), far in zip(centre.tolist(), room.tolist(), strict=True)
@@ -60,10 +60,10 @@ def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
 
 def is_wanted(wanted: list[Tile] | None, width: int, first: int, end: int) -> np.ndarray:
     """Mask of the positions to trace in rows [first, end) of the fine grid, (rows, width); all without tiles."""
-    here = np.full((end - first, width), wanted is None)
+    mask = np.full((end - first, width), wanted is None)
     for down, across in wanted or ():
-        here[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
-    return here
+        mask[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
+    return mask
 
 
 def traced_files(plane: str, folder: Path = Path()) -> tuple[Path, Path]:
@@ -75,15 +75,15 @@ def _kept(
     files: tuple[Path, Path], shape: tuple[int, int], wanted: list[Tile] | None, traced: Rows, first: int, end: int
 ) -> np.ndarray:
     """Rows of a position image, whose traced positions are appended to the files."""
-    image, here = traced(first, end), is_wanted(wanted, shape[1], first, end)
+    image, mask = traced(first, end), is_wanted(wanted, shape[1], first, end)
 
     def count() -> int:
         bands = pairwise([*range(0, shape[0], _ROWS), shape[0]])
         return sum(int(np.count_nonzero(is_wanted(wanted, shape[1], *band))) for band in bands)
 
-    if here.any():
-        append_npy(files[0], np.flatnonzero(here) + first * shape[1], count)
-        append_npy(files[1], image[here], count)
+    if mask.any():
+        append_npy(files[0], np.flatnonzero(mask) + first * shape[1], count)
+        append_npy(files[1], image[mask], count)
     return image
 
 
@@ -100,11 +100,17 @@ def position_image(
     """
     sensor, k = rig.tracer.camera.sensor, sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)
-    here = is_wanted(wanted, sensor.width_px * k, first, end)
+    mask = is_wanted(wanted, sensor.width_px * k, first, end)
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
-    result = np.full((here.size, 2), np.nan, np.float32)
-    for piece in stretches(rig, k, first, end) if here.any() else ():
-        some = here.ravel()[piece.index]
-        arguments = piece.positions_mm[some], piece.microlens[some], planes, sampling.samples, piece.pixels[some]
-        result[piece.index[some]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
-    return result.reshape(*here.shape, 2)
+    result = np.full((mask.size, 2), np.nan, np.float32)
+    for piece in stretches(rig, k, first, end) if mask.any() else ():
+        is_traced = mask.ravel()[piece.index]
+        arguments = (
+            piece.positions_mm[is_traced],
+            piece.microlens[is_traced],
+            planes,
+            sampling.samples,
+            piece.pixels[is_traced],
+        )
+        result[piece.index[is_traced]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
+    return result.reshape(*mask.shape, 2)

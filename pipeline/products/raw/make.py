@@ -71,7 +71,11 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
 
 def _negative(params: Expose, inputs: Inputs, photons_at_one: dict[str, float]) -> Negative:
     """Facts for raw converters; colours of a mosaic of red, green and blue alone."""
-    known, response, lens = params.colorimetry, params.response, first_order(focused_camera(inputs).prescription)
+    colorimetries, response, lens = (
+        params.colorimetry,
+        params.response,
+        first_order(focused_camera(inputs).prescription),
+    )
     negative = Negative(
         model=params.camera,
         black_dn=response.black_level_dn,
@@ -83,10 +87,10 @@ def _negative(params: Expose, inputs: Inputs, photons_at_one: dict[str, float]) 
     )
     efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
     electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}
-    if not known or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
+    if not colorimetries or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
         return negative
-    of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / known[0].counted, {}
-    for colours in known:
+    of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / colorimetries[0].counted, {}
+    for colours in colorimetries:
         white = of_unit * colours.counted
         from_xyz[colours.illuminant] = (white[:, None] / white.max() * np.linalg.inv(colours.xyz_from_rgb)).tolist()
     neutral = tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES)

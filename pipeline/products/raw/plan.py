@@ -29,9 +29,9 @@ def _plan(draft: Draft, entry: CameraEntry) -> None:
     if response is None or irradiation is None:
         return
     of_cameras = {"camera": draft.camera(entry)}
-    seen = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
+    entries = {camera.channel.name: camera for camera in entry.in_channels if camera.channel}
     channels = [radiance.channel for radiance in irradiation.channels]
-    of_cameras |= {f"camera_{channel}": draft.camera(seen[channel]) for channel in channels if channel}
+    of_cameras |= {f"camera_{channel}": draft.camera(entries[channel]) for channel in channels if channel}
     # Behind microlenses the share is that of the axis everywhere.
     lossy = None if entry.asked.microlenses else _lossy(irradiation)
     if lossy is not None:
@@ -46,8 +46,10 @@ def _plan(draft: Draft, entry: CameraEntry) -> None:
             irradiation=irradiation,
             colorimetry=entry.colorimetry,
         )
-        of_channels = [channel for channel in response.channels if channel in seen]
-        images = {f"image_{channel}": f"image/{seen[channel].full_name}/{frame.number:04d}" for channel in of_channels}
+        of_channels = [channel for channel in response.channels if channel in entries]
+        images = {
+            f"image_{channel}": f"image/{entries[channel].full_name}/{frame.number:04d}" for channel in of_channels
+        }
         images = images or {"image": f"image/{name}/{frame.number:04d}"}
         reads = images | of_cameras | ({"transmission": f"transmission/{name}"} if lossy else {})
         raw = draft.add(f"expose/{name}/{frame.number:04d}", params, reads)

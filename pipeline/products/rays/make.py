@@ -90,15 +90,15 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
         append_npy(out / ERROR, errors.astype(np.float32), lambda: bundles.shape[0])
         return errors
 
-    def columns(some: slice) -> Rows:
-        return lambda first, end: bundles.rows(first, end)[..., some]
+    def columns(channels: slice) -> Rows:
+        return lambda first, end: bundles.rows(first, end)[..., channels]
 
-    fine, whole = bundles.shape[:2], covariance.shape[:2]
+    fine, covariance_shape = bundles.shape[:2], covariance.shape[:2]
     light = slice(HIT_FRACTION, HIT_FRACTION + 1)
     parts = [
         _part("near", ("X", "Y"), fine, columns(NEAR), {**head, "plane_z_mm": near_mm}),
         _part("far", ("X", "Y"), fine, columns(FAR), {**head, "plane_z_mm": far_mm}),
-        _part("moments", MOMENTS, whole, covariance.rows, {**head, "kept": kept}),
+        _part("moments", MOMENTS, covariance_shape, covariance.rows, {**head, "kept": kept}),
         _part("hit_fraction", ("Y",), fine, columns(light), head),
         _part("error", ("X", "Y"), fine, error, {**head, "unit": "px", "plane": "the worse of near and far"}),
     ]

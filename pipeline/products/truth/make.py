@@ -127,13 +127,13 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
         target, pose = placed_target(entry)
         posed = PosedPoints(name, target.points(), pose)
         points = posed.points
-        some = slice(0, len(points.kinds)) if params.points is None else slice(*params.points[name])
+        in_tile = slice(0, len(points.kinds)) if params.points is None else slice(*params.points[name])
         image_of: ImageOf = by_two_planes
         if "positions" in inputs:
             image_of = functools.partial(_traced, inputs["positions"], name, len(points.frames))
         planes = posed.before(rig, table.shutter, entry.motion)
         if rays is None:
-            truth = solve_points(rig, planes, some, settings.aim_px, settings.min_hit_fraction)
+            truth = solve_points(rig, planes, in_tile, settings.aim_px, settings.min_hit_fraction)
         else:
             truth = correspondences(rig, rays, settings, posed, image_of)
         if truth is None:
@@ -150,7 +150,7 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
             sets.append(positions_of.note)
         for column, values in rows.items():
             columns[column].extend(values)
-        away, sag = int(np.sum(~faces_camera(posed.planes[some]))), largest_sag_mm(truth, points)
+        away, sag = int(np.sum(~faces_camera(posed.planes[in_tile]))), largest_sag_mm(truth, points)
         pairs, axes = truth.unsolved, slice(2 if rig.images else 0)
         names = tuple(map(tuple, np.column_stack([pairs[:, 0], rig.axial[pairs[:, 1], axes]]).tolist()))
         notes.append(
@@ -196,7 +196,7 @@ def _traced(
     width = columns.stop - columns.start
     image = np.full(((rows.stop - rows.start) * width, 2), np.nan)
     if places[0] in files:  # else nothing of it is in the image
-        index, traced = (np.load(files[place], mmap_mode="r") for place in places)
+        index, traced = (np.load(files[output], mmap_mode="r") for output in places)
         low, high = np.searchsorted(index, (rows.start * width, rows.stop * width))
         image[index[low:high] - rows.start * width] = traced[low:high]
     return image.reshape(-1, width, 2)

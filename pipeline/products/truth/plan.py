@@ -28,7 +28,7 @@ def _truth(draft: Draft, entry: CameraEntry, frame: Frame, sizes: dict[str, int]
     )
     # A search in position images is a single task.
     points = [] if entry.truth.searches else point_tiles(sizes, is_plenoptic=entry.asked.microlenses is not None)
-    parts = [Truth(table=table, view=view, square_px=entry.square_px, points=some) for some in points]
+    parts = [Truth(table=table, view=view, square_px=entry.square_px, points=tile) for tile in points]
     tiles = draft.add_tiles(f"truth_tile/{name}", parts, reads)
     params = Truth(table=table, tiles=len(tiles), view=None if tiles else view, square_px=entry.square_px)
     return draft.add(f"truth/{name}", params, {**reads, **tiles})
