@@ -22,8 +22,6 @@ _BETWEEN = 5
 """Planes from the near to the far one on which residuals are looked at, these two included: the middle is in focus."""
 _BEYOND = (2.0, 4.0, 10.0)
 """Distances behind the far plane at which residuals are looked at, over it [1]: away from it they settle."""
-_STEEP = 1e-4
-"""Slope below which a ray has no place where it passes the axis [1]: it would be a quotient of small numbers."""
 
 
 class FitError(UsageError):
@@ -58,15 +56,6 @@ class FieldRays:
     def distances_mm(self) -> tuple[float, ...]:
         """Vision z of these planes, and of some far behind."""
         return (*self.between_mm, *(self.planes_mm[1] * times for times in _BEYOND))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PupilCurve:
-    """Places where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each, (m,)."""
-
-    angle_deg: np.ndarray  # angle of the ray with the axis
-    z_mm: np.ndarray  # vision z of the point of the ray that is nearest to the axis
-    aside_mm: np.ndarray  # distance of that point from the axis
 
 
 def field_rays(camera: ReadyCamera) -> FieldRays:
@@ -104,15 +93,3 @@ def lit_field(
     return FieldRays(
         x_px=x_px, rays=lit_rays, planes_mm=planes_mm, size_px=size_px, lit_share=float(lit.mean()), start=start
     )
-
-
-def pupil_curve(field: FieldRays) -> PupilCurve:
-    """Find where the rays pass the axis, sorted by their angle."""
-    across = np.hypot(*field.rays.direction[:, :2].T)
-    angle = np.arctan2(across, field.rays.direction[:, 2])
-    rows = np.flatnonzero(angle > np.arctan(_STEEP))
-    rows = rows[np.argsort(angle[rows], kind="stable")]
-    origin, direction = field.rays.origin_mm[rows], field.rays.direction[rows]
-    along = -np.einsum("ni,ni->n", origin[:, :2], direction[:, :2]) / across[rows] ** 2
-    nearest = origin + along[:, None] * direction
-    return PupilCurve(angle_deg=np.degrees(angle[rows]), z_mm=nearest[:, 2], aside_mm=np.hypot(*nearest[:, :2].T))

@@ -17,7 +17,6 @@ from pipeline.products.draft import Draft
 from pipeline.products.export import plan_exports
 from pipeline.products.images.plan import plan_images, plan_white_images
 from pipeline.products.micro_images.plan import plan_micro_images
-from pipeline.products.parts.plan import plan_parts
 from pipeline.products.poses.plan import plan_poses
 from pipeline.products.positions.plan import plan_positions
 from pipeline.products.raw.plan import plan_raw_images
@@ -30,7 +29,6 @@ from pipeline.scene.dataset import Dataset
 PRODUCTS = (
     plan_targets,
     plan_cameras,
-    plan_parts,
     plan_poses,
     plan_rays,
     plan_white_images,

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.fits.field import FieldRays, FitError, PupilCurve, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, FitError, field_rays
 from pipeline.fits.fitting import MODELS, Fit, fitted, rms
+from pipeline.plugins.fits.pupil import PupilCurve, pupil_curve
 from pipeline.plugins.fits.thin_plenoptic import ThinPlenopticFit, thin_plenoptic
 from pipeline.records.plain import Json
 from pipeline.results.ready_camera import ReadyCamera

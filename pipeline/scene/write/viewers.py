@@ -15,6 +15,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
 
 from pipeline.camera.figures.first_order_figures import Viewfinder, viewfinder
 from pipeline.camera.focusing.focus_request import solved
+from pipeline.entry_points import offered
 from pipeline.errors import PipelineError
 from pipeline.frames import mm_per_unit
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
@@ -69,8 +70,9 @@ def flattened(stage: Usd.Stage) -> Sdf.Layer:
 
 
 def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: Dataset | None = None) -> str:
-    """Text of a flattened stage with what viewers need; completing it again changes nothing. A build makes parts of the
-    cameras of a dataset and pictures of its targets, beside the layer; meshes that it reads are not overwritten.
+    """Text of a flattened stage with what viewers need; completing it again changes nothing. A build makes pictures of
+    the targets of a dataset and, by a plug-in, parts of its cameras, beside the layer; meshes that it reads are not
+    overwritten.
     """
     paths = list[Sdf.Path]()
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
@@ -85,7 +87,7 @@ def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: 
         _write_camera(prim, camera, unit_mm)
         if dataset and len(states) > 1:
             _write_states(prim, [(state, dataset.frames_of(state)) for state in states], unit_mm)
-        if states:  # a prim whose payload are the parts of the camera
+        if states and "parts" in offered("product"):  # a prim whose payload are the parts of the camera
             _leave_out_parts(prim)
             parts = Sdf.PrimSpec(prim, PARTS, Sdf.SpecifierDef, "Scope")
             parts.payloadList.Prepend(Sdf.Payload(f"./{states[0].parts_file}"))

@@ -15,9 +15,10 @@ from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.parts.microlens_array import MicrolensArray
-from pipeline.fits.field import FieldRays, field_rays, pupil_curve
+from pipeline.fits.field import FieldRays, field_rays
 from pipeline.fits.fitting import MODELS, fitted
 from pipeline.optics.first_order import first_order
+from pipeline.plugins.fits.pupil import pupil_curve
 from pipeline.plugins.fits.result import ALL, by_distance, document, fit_camera, worst
 from pipeline.plugins.fits.thin_plenoptic import positions_mm, thin_plenoptic
 

@@ -16,8 +16,8 @@ from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply
+from pipeline.plugins.report.viewer_parts.params import PARTS, Parts
 from pipeline.products.cameras import Inputs, focused_camera
-from pipeline.products.parts.params import PARTS, Parts
 from pipeline.scene.write.parts import Part, PartCopies, PartMesh, PartRays, parts_text
 
 _AROUND = 48

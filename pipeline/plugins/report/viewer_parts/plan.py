@@ -1,7 +1,7 @@
 """Plan of the parts of cameras, for viewers."""
 
+from pipeline.plugins.report.viewer_parts.params import PARTS, Parts
 from pipeline.products.draft import Draft
-from pipeline.products.parts.params import PARTS, Parts
 
 
 def plan_parts(draft: Draft) -> None:
