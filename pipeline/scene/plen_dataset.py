@@ -66,6 +66,7 @@ def read_dataset(root: Usd.Prim) -> Dataset:
 
 
 def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
+    """The records; `sources` gets the paths from which each part was read."""
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
     scenes, stage = scene_reader(), root.GetStage()
@@ -90,7 +91,7 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
         meters_per_unit=UsdGeom.GetStageMetersPerUnit(root.GetStage()),
         up_axis=str(UsdGeom.GetStageUpAxis(root.GetStage())),
     )
-    for prim, name in names.items():  # its states are parts of their own
+    for prim, name in names.items():  # states of a camera are parts of their own
         for entry, _ in states[prim]:
             state = f"cameras/{entry.name}"
             sources |= {state: sources[name], f"poses/{state}": sources[f"poses/{name}"]}

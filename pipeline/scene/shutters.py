@@ -187,6 +187,7 @@ def check_motions(
         if _is_readable(camera_then) and (shutter := read_shutter(camera_then)):
             shutters.setdefault((camera, shutter), []).append(number)
     for (camera, shutter), numbers in shutters.items():
+        # Rigid at the middle of each exposure?
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
@@ -199,11 +200,13 @@ def check_motions(
                 message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
                 yield problem(prim, "not-rigid", message, hint=hint)
+        # Animated from the opening of the shutter to its end?
         opens, ends = np.array(numbers) + shutter.opens_s * codes_per_s, np.array(numbers) + end_s * codes_per_s
         for link in dict.fromkeys(link for prim in (camera, *boards, *things) for link in ancestry(prim)):
             if spans := list(filter(None, (extent(op.GetAttr()) for op in xform_ops(link)))):
                 starts, stops = zip(*spans, strict=True)
                 yield from _standing(link, min(starts), max(stops), (numbers, opens, ends))
+        # Shapes, instances and skeletons that stay as at the time code.
         for prim in things:
             if prim.IsA(UsdGeom.Gprim) and is_animated(prim):
                 message = (

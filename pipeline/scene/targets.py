@@ -13,7 +13,7 @@ from pipeline.render.spectral.nodes import SpectrumError
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.scene.dataset import TargetEntry
 from pipeline.scene.usd.meshes import Drawn, fans, polygons_of
-from pipeline.scene.usd.poses import product, stage_mm_per_unit, world_from
+from pipeline.scene.usd.poses import ancestry, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, plain, read, target
@@ -86,20 +86,14 @@ def read_target(prim: Usd.Prim) -> AnyTarget:
 
 
 def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:
-    """The record of a PlenMeshTarget: triangles, corners in the target frame, colours as radiance."""
+    """The record of a PlenMeshTarget: triangles in the target frame, with colours as radiance at their corners."""
     mesh_prim = target(prim, "plen:mesh", "Mesh")
     if mesh_prim is None:
         raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
     mesh, scale_mm, white = UsdGeom.Mesh(mesh_prim), stage_mm_per_unit(prim), need(prim, "plen:white")
     shape = fans(mesh)
-    times = [t for op in UsdGeom.Xformable(prim).GetOrderedXformOps() for t in op.GetAttr().GetTimeSamples()]
-    first = [min(times, default=0.0)]
-    # Affine, because the mesh may be scaled; its vertices are in the unit of the stage.
-    target_from_mesh = product(
-        np.linalg.inv(world_from(prim, first, scale_mm)), world_from(mesh_prim, first, scale_mm)
-    )[0]
-    target_from_mesh[:3, :3] *= scale_mm
-    vertices_mm = apply(target_from_mesh, shape.points)
+    # Affine, because the mesh may be scaled; a mesh does not move on its target, so any time will do.
+    vertices_mm = apply(world_from(mesh_prim, [0.0], scale_mm, prim)[0], shape.points * scale_mm)
     return MeshTarget(
         # + 0.0 turns -0.0 into 0.0: keys must not differ by it.
         vertices_mm=tuple((x, y, z) for x, y, z in (vertices_mm + 0.0).tolist()),
@@ -192,9 +186,9 @@ def _check_patch(prim: Usd.Prim, part: str) -> Iterator[Problem]:
 
 
 def _check_mesh(prim: Usd.Prim, mesh: Usd.Prim) -> Iterator[Problem]:
-    """Problems of a mesh that does not lie below its target, or is animated."""
+    """Problems of a mesh that does not move with its target, or is animated."""
     relationship = prim.GetRelationship("plen:mesh")
-    if not mesh.GetPath().HasPrefix(prim.GetPath()):
+    if prim not in ancestry(mesh):
         message = f"<{mesh.GetPath()}> does not lie below its target <{prim.GetPath()}>"
         yield problem(relationship, "bad-mesh", message, hint="a mesh moves with its target: put it below")
     elif any(attribute.ValueMightBeTimeVarying() for attribute in mesh.GetAuthoredAttributes()):

@@ -146,6 +146,7 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
     name, frames, target = entry.name, dataset.frames_of(entry), dataset.targets[number]
     view = view_of(camera)
     widest = _WIDEST_BLUR if view is camera else _WIDEST_IN_VIEW
+    # A sample of the points, posed in all frames.
     marked = target.target.points()
     count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
     kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
@@ -153,6 +154,7 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
     poses = np.array([frame.vision_from_target(name, target.name) for frame in frames])
     places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
     fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
+    # Points in view and in focus, but for those that something hides.
     outlooks = outlook(view, places, fronts)
     fate = outlooks.fate
     if len(dataset.targets) + len(dataset.occluders) > 1:
@@ -164,6 +166,7 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
             around = surroundings(dataset, frames[index], name, before=before)
             hidden = _hidden(around, camera, number, places[index, visible], fronts[index, visible])
             fate[index, visible[hidden]] = HIDDEN
+    # Points that blur into each other.
     spacing = np.full(len(frames), np.inf)
     for index in range(len(frames)):
         visible = fate[index] == Fate.SEEN
@@ -172,6 +175,7 @@ def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> 
             spacing[index] = max(_spacing_px(view, points) for points in alike)
             if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, visible]) / widest):
                 fate[index, visible] = MERGED
+    # The share of visible points, and the most common reason of the rest.
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
     missed = [row[(row != Fate.SEEN) & ((row != Fate.AWAY) | (row != Fate.SEEN).all())] for row in fate]
     fates = [Counter(row.tolist()).most_common(1)[0][0] if len(row) else None for row in missed]

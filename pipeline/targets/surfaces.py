@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 
-from pipeline.frames import apply, rigid
+from pipeline.frames import rigid
 from pipeline.records.shapes import Float64
 from pipeline.targets.drawing import Drawing
 from pipeline.targets.patterns.pattern import Pattern, TargetError
@@ -116,10 +116,6 @@ class Patch:
         rise = -np.einsum("nki,ni->nk", flat, normal[:, :2]) / normal[:, 2:]
         raised = np.concatenate([flat, rise[..., None]], axis=-1)
         return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
-
-    def hull_mm(self) -> np.ndarray:
-        """Points of the target frame that enclose the patch, (n, 3) [mm]."""
-        return apply(self.target_from_patch, self.mesh().reshape(-1, 3))
 
 
 def _count(half_mm: float, step_mm: float, most: int) -> int:

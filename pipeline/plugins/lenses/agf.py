@@ -26,9 +26,10 @@ _OTHERS = {3: "Herzberger", 4: "Sellmeier 2", 5: "Conrady", 7: "Handbook of Opti
 
 
 def read_agf(path: str | Path, raw: bytes | None = None) -> dict[str, Callable[[], Named]]:
-    """Glasses of a catalogue, or of its bytes if it is not a file of its own, by their lower-case names; each raises
-    UnreadableLens if its formula is not supported.
+    """Glasses of a catalogue by their lower-case names, each a function that raises UnreadableLens for a formula that
+    is not supported. `raw`: the content of a catalogue in an archive.
     """
+    # Of each glass the words of its lines, by keyword, and the number of its first line.
     found, rows = dict[str, dict[str, list[str]]](), dict[str, list[str]]()
     for line, text in enumerate(read_lines(path, raw), 1):
         keyword, *words = text.split() or [""]

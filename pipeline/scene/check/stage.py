@@ -88,7 +88,11 @@ _MOST_NAMES = 4
 
 
 def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) -> list[Problem]:
-    """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset."""
+    """All problems of a composed stage, which may read files below the roots: of layers, of prims, of the dataset.
+
+    Each step computes with values that have passed the steps before; where these found too much or nothing to compute
+    with, the rest is left out.
+    """
     if outside := _check_used(stage, roots):
         return outside
     problems = [*_check_layers(stage, third_party), *_check_assets(stage, roots, third_party)]
@@ -101,16 +105,18 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
         else:
             everything.PruneChildren()
             problems += third_party.settled([_of_dangling(prim)])
+    # Prims one by one; instances of a prim without problems have none either.
     wrong, right = set[Sdf.Path](), set[Hashable]()
     for prim in filter(Usd.Prim.IsActive, prims):
         said = prim.IsAbstract(), likeness(prim), *((spec.layer.identifier, spec.path) for spec in specs(prim))
         if said in right:
-            continue  # an instance
+            continue
         of_prim = list(third_party.settled([*_check_prim(prim, third_party), *check_properties(prim)]))
         problems += of_prim
         right |= set() if of_prim else {said}
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
+    # Parts of cameras and targets, at the time codes at which any of them may differ.
     parts = _parts(prims)
     if over := [problem for prim in parts for problem in check_budgets(prim)]:
         return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
@@ -122,11 +128,11 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
             problems += _check_whole(at_code(prim, code), wrong)
         problems += check_held(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
     problems += check_unnamed_windows(parts, list(filter(is_camera, parts)))
+    # The dataset, and what needs cameras, poses and shapes without errors.
     problems += check_only_dataset(stage)
     if root := find_dataset(stage):
         problems += third_party.settled(check_dataset(root, wrong))
     if not any(problem.is_error for problem in problems):
-        # The further checks compute with values that have passed the checks so far.
         for prim in parts:
             problems += check_nominal(prim) if prim.IsA("PlenLens") else []
             for code in codes if is_camera(prim) else ():

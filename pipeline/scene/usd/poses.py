@@ -79,7 +79,7 @@ def is_in_images(prim: Usd.Prim) -> bool:
 def world_from(prim: Usd.Prim, times: Times, mm_per_unit: float, below: Usd.Prim | None = None) -> np.ndarray:
     """Transforms from a prim to the world at times, on column vectors (n, 4, 4) [mm]; rigid only if the stage is.
 
-    `below`: an ancestor, in whose frame the prim is wanted instead.
+    `below`: an ancestor that takes the place of the world.
     """
     world_from_prim = np.eye(4)
     for link in itertools.takewhile(lambda link: link != below, ancestry(prim)):

@@ -76,6 +76,7 @@ class Things:
     ) -> None:
         later = later or Later([np.full((4, 4), np.nan)] * len(targets), [None] * len(occluders))
         self.later = later
+        # Triangles of the patches of targets, then those of occluders.
         pieces = [(k, face, patch) for k, (t, _) in enumerate(targets) for face, patch in enumerate(t.patches())]
         self.faces = [(k, face) for k, face, _ in pieces]  # number of the target of each patch, and of the patch on it
         self._patches = [(k, patch, targets[k][1] @ patch.target_from_patch) for k, _, patch in pieces]
@@ -85,13 +86,14 @@ class Things:
         self._lit, self._embree, self._ends = lit, MeshScene(everything), np.cumsum([0, *map(len, everything)])
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
         self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(solids))], int)
+        # The same triangles in the next frame; targets move by their poses.
         self._motion = [pose @ inverse(now) for pose, (_, now) in zip(later.targets, targets, strict=True)]
         # Of a mesh with other faces nobody knows which point is which.
         moved = [
             in_vision(*then) if then and len(then[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
             for mesh, then in zip(solids, later.occluders, strict=True)
         ]
-        self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])  # targets move by their poses
+        self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])
 
     def met(self, of_pixels: PixelRays) -> Met:
         """First hits of rays."""

@@ -1,17 +1,25 @@
-"""Reflection of light by a surface: matt paint below a specular layer of microfacets.
+"""Reflection by a surface: matt paint below a specular layer of microfacets, and a clear coat above both.
 
-The specular layer is that of Trowbridge and Reitz (GGX) with Smith's shadowing and Schlick's Fresnel term, as in
-UsdPreviewSurface. Light that leaves a facet towards another one is not lost: what walks on facets (Heitz, Hanika, d'Eon
-and Dachsbacher 2016) return after two and more reflections goes into a diffuse-like term (Kulla and Conty 2017), and
-what the layer does not return goes to the paint below it (Kelemen and Szirmay-Kalos 2001). So a surface that absorbs
-nothing reflects everything, in each direction, and all terms are reciprocal. What the layer returns is tabled, by
-integration over its visible facets.
+Of the specular layer, single facets reflect as in UsdPreviewSurface, with the distribution D of Trowbridge and Reitz
+(GGX), Smith's masking and shadowing G and Schlick's Fresnel term F. Directions v of view and l of light point away from
+the surface, h halves them:
 
-A clear coat is a layer of facets more, above all others. It weakens light that goes through it towards the paint, or to
-many facets below, on its way in and out, so that nothing is lost; of light that a single facet below reflects it leaves
-what it lets through in that of both directions in which that is less. Means of both layers together are tabled.
+    f_1(v, l) = D(h) G(v, l) F(v . h) / (4 cos(v) cos(l))
 
-Frame of a surface: z along its shading normal. Both directions point away from it.
+Light that leaves a facet towards another one is not lost (Heitz, Hanika, d'Eon and Dachsbacher 2016). The share M(v)
+that returns after two and more reflections leaves in all directions alike (Kulla and Conty 2017). The share 1 - R(v)
+that the layer does not return meets the paint, of reflectance a (Kelemen and Szirmay-Kalos 2001). With means <> over
+the hemisphere, weighted by the cosine, the reflectance is
+
+    f(v, l) = f_1(v, l) + [M(v) M(l) / <M> + a (1 - R(v)) (1 - R(l)) / (1 - <R>)] / pi
+
+It is reciprocal, and a surface that absorbs nothing reflects all light, in each direction. M and R are tabled, by
+integration over visible facets.
+
+A clear coat is one more layer of facets. It weakens the terms in brackets on the way in and out, by 1 - R of the coat
+in both directions, and f_1 by the smaller of the two. Means of both layers together are tabled.
+
+Frame of a surface: z along its shading normal.
 """
 
 import functools
@@ -33,7 +41,7 @@ _COAT = 0.04
 LEAST_ALPHA = 1e-3
 """Least width of facets [1]: a roughness of 0.03. A mirror would be a case of its own, and looks the same."""
 _STAYING = 0.77
-"""Coefficient in `_many` [1]: how much longer light stays among facets the more of it the first one sends to others."""
+"""Coefficient in `_many` [1]: the more light first facets send to others, the longer it stays among facets."""
 _DRAWS = 128, 24
 """Points along both axes of the square that facets are drawn from: the tables are then accurate to 0.0002."""
 _ROOT = 0.72, -1.045, 0.29, -0.026
@@ -68,14 +76,14 @@ class Paint(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """Light that the specular layer returns in one direction, after two and more reflections, and after all."""
+    """M and R of a layer in one direction: light that returns after two and more reflections, and in all."""
 
     many: float
     returned: float
 
 
 class ViewedSurface(NamedTuple):
-    """A surface as it is seen along a direction: what does not depend on where light comes from."""
+    """A surface viewed along a direction: all terms without the direction of light."""
 
     direction: tuple[float, float, float]
     layer: Layer  # in this direction
@@ -90,7 +98,7 @@ class ViewedSurface(NamedTuple):
 
 @inline
 def _at(x):
-    """Node below a number in [0, 1], and the rest."""
+    """Node of a table below a number in [0, 1], and the fraction of the step behind it."""
     position = min(max(x, 0.0), 1.0) * (NODES - 1)
     i = min(int(position), NODES - 2)
     return i, position - i
@@ -98,14 +106,14 @@ def _at(x):
 
 @inline
 def _between(table, i, a, j, b, k):
-    """Entry of a table between four nodes."""
+    """Entry of a table, bilinear between four nodes."""
     low = (1.0 - b) * table[i, j, k] + b * table[i, j + 1, k]
     return (1.0 - a) * low + a * ((1.0 - b) * table[i + 1, j, k] + b * table[i + 1, j + 1, k])
 
 
 @inline
 def _layer(layers, paint, cosine):
-    """The layer in a direction; see `Layer`."""
+    """M and R of the specular layer in a direction."""
     i, a = _at(math.sqrt(paint.alpha))
     j, b = _at(math.sqrt(max(cosine, 0.0)))
     full, grazing = _between(layers.pairs, i, a, j, b, 0), _between(layers.pairs, i, a, j, b, 1)
@@ -115,8 +123,9 @@ def _layer(layers, paint, cosine):
 
 @inline
 def _many(facing, onward, root):
-    """Light that comes back after two and more reflections, from all that the first facet sends to others if it absorbs
-    nothing. The root of the share is a fraction of linear functions of the reflectance: right to 0.7 % of all light.
+    """M, from the light `onward` that first facets send to others if they absorb nothing.
+
+    The root of M / onward is a ratio of linear functions of the reflectance: right to 0.7 % of all light.
     """
     share = (facing + (1.0 - facing) * root) / (1.0 + (1.0 - facing) * _STAYING * onward * onward)
     return onward * share * share
@@ -124,7 +133,7 @@ def _many(facing, onward, root):
 
 @inline
 def masking(alpha, cosine):
-    """Smith's term: the visible part of facets in a direction."""
+    """Smith's masking term G_1: the share of facets that is visible in a direction."""
     if not cosine > 0.0:
         return 0.0
     slope = alpha * alpha * (1.0 - cosine * cosine) / (cosine * cosine)
@@ -133,20 +142,20 @@ def masking(alpha, cosine):
 
 @inline
 def _both(visible, other):
-    """Part of the facets visible in one direction that is so in the other, too: high facets are in both."""
+    """G(v, l) / G_1(v), with correlated heights: the share of visible facets that light reaches, too."""
     return other / (visible + other - visible * other) if other > 0.0 else 0.0
 
 
 @inline
 def fresnel(facing, cosine):
-    """Schlick's approximation."""
+    """Schlick's approximation F_0 + (1 - F_0) (1 - cosine)^5."""
     off = 1.0 - min(max(cosine, 0.0), 1.0)
     return facing + (1.0 - facing) * off * off * off * off * off
 
 
 @inline
 def viewed_along(layers, paint, view):
-    """The surface as it is seen along a direction."""
+    """The surface viewed along a direction."""
     bare = Layer(0.0, 0.0)
     if paint.coat > 0.0:
         return _coated_along(layers, paint, view)
@@ -162,7 +171,7 @@ def viewed_along(layers, paint, view):
 
 @unit
 def _coated_along(layers, paint, view):
-    """A surface below a clear coat as it is seen along a direction."""
+    """A surface below a clear coat, viewed along a direction."""
     layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
     if paint.alpha > 0.0:
         layer = _layer(layers, paint, view[2])
@@ -182,14 +191,14 @@ def _coated_along(layers, paint, view):
 
 @inline
 def _coat(layers, paint, cosine):
-    """The clear coat in a direction."""
+    """M and R of the clear coat in a direction, times its share."""
     layer = _layer(layers, Paint(0.0, _COAT, paint.coat_alpha, 0.0, LEAST_ALPHA, 0.0), cosine)
     return Layer(paint.coat * layer.many, paint.coat * layer.returned)
 
 
 @inline
 def _both_means(layers, paint, part):
-    """Entry of `Layers.coated` between eight nodes."""
+    """Entry of `Layers.coated`, trilinear between eight nodes."""
     last, total = COARSE - 1, 0.0
     x, y, z = math.sqrt(paint.coat_alpha) * last, math.sqrt(paint.alpha) * last, paint.facing * last
     i, j, k = min(int(x), last - 1), min(int(y), last - 1), min(int(z), last - 1)
@@ -202,7 +211,7 @@ def _both_means(layers, paint, part):
 
 @unit
 def let_through(layers, paint, cosine):
-    """Share of light that no layer of a surface returns, in a direction."""
+    """Share of light that neither layer nor coat of a surface returns, in a direction."""
     through = 1.0
     if paint.alpha > 0.0:
         through -= _layer(layers, paint, cosine).returned
@@ -211,7 +220,7 @@ def let_through(layers, paint, cosine):
 
 @inline
 def reflected(layers, paint, viewed, lit):
-    """Bidirectional reflectance times the cosine of the light, and the density with which `scattered` finds it."""
+    """The reflectance f times the cosine of the light, and the density with which `scattered` draws its direction."""
     if not (viewed.direction[2] > 0.0 and lit[2] > 0.0):
         return 0.0, 0.0
     if paint.coat > 0.0:
@@ -224,7 +233,7 @@ def reflected(layers, paint, viewed, lit):
 
 @inline
 def _of_layers(layers, paint, viewed, lit):
-    """Light of single facets, times its cosine, that of all others and of the paint, and the density."""
+    """f_1 times the cosine, the terms of f in brackets, and the density."""
     layer, other = viewed.layer, _layer(layers, paint, lit[2])
     many = layer.many * other.many / viewed.many
     below = paint.diffuse * (1.0 - layer.returned) * (1.0 - other.returned) / viewed.kept
@@ -248,7 +257,7 @@ def _reflected_by_coat(layers, paint, viewed, lit):
 
 @inline
 def _once(facing, alpha, view, lit):
-    """Light that single facets reflect times its cosine, and the density with which facets are chosen."""
+    """f_1 times the cosine of the light, and the density of directions that visible facets mirror."""
     half = of_length_one((view[0] + lit[0], view[1] + lit[1], view[2] + lit[2]))
     glance = max(dot(view, half), 1e-12)
     # Density of facets with this normal, times their visible part.
@@ -267,7 +276,7 @@ def specular_chance(paint, layer):
 
 @inline
 def scattered(paint, viewed, pair):
-    """A direction in which light may have come."""
+    """A direction of light, drawn by the coat, the specular layer or the paint."""
     u, view = pair[0], viewed.direction
     if paint.coat > 0.0:
         if u < viewed.coat_chance:
@@ -283,7 +292,7 @@ def scattered(paint, viewed, pair):
 
 @inline
 def _mirrored(alpha, view, u, v):
-    """A direction that a visible facet mirrors."""
+    """The direction that a facet mirrors, drawn by the visible area of facets."""
     half = visible_facet(alpha, view, u, v)
     twice = 2.0 * dot(view, half)
     return twice * half[0] - view[0], twice * half[1] - view[1], twice * half[2] - view[2]
@@ -291,7 +300,7 @@ def _mirrored(alpha, view, u, v):
 
 @inline
 def visible_facet(alpha, view, u, v):
-    """Normal of a facet, by the visible area of facets."""
+    """Normal of a facet, drawn by the visible area of facets."""
     # Source: Dupuy and Benyoub, "Sampling Visible GGX Normals with Spherical Caps", CGF 42(8), 2023.
     x, y, z = of_length_one((alpha * view[0], alpha * view[1], view[2]))
     height, turn = (1.0 - u) * (1.0 + z) - z, 2.0 * math.pi * v
@@ -321,7 +330,7 @@ def tabled_layers() -> Layers:
 
 
 def _weights(root: np.ndarray) -> np.ndarray:
-    """Weights of nodes in means over a hemisphere of what is linear between them."""
+    """Weights of nodes in means over a hemisphere, of functions linear between the nodes (Gauss and Legendre)."""
     # The mean of f is the integral of 2 c f dc, with c = root^2: 4 root^3 f droot.
     nodes, weights = np.polynomial.legendre.leggauss(3)
     part, low, step = 0.5 * (1.0 + nodes), root[:-1, None], np.diff(root)[:, None]
@@ -331,7 +340,8 @@ def _weights(root: np.ndarray) -> np.ndarray:
 
 @kernel
 def fill_sums(sums, steps, turns):
-    """Write the first two entries of `Layers.pairs`, and the Schlick term of light that first facets send to others.
+    """Integrate over visible facets the first two entries of `Layers.pairs`, and the Schlick term of light that first
+    facets send to others.
 
     Nodes are equally spaced in the root of alpha and in the root of the cosine. Most facets of a smooth surface lie
     flat. The few steep ones, whose light goes below the horizon, are the last hundredth of the first number that facets

@@ -91,25 +91,8 @@ def mesh_light(prim: Usd.Prim) -> Rgb:
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
     take(prim)
-    kind, names, factors = KINDS[str(prim.GetTypeName())]
-    unit_mm = stage_mm_per_unit(prim)
-    numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
-    for name, number in zip(names, numbers, strict=True):
-        if number < 0:
-            raise UnreadableValue(f'"{name}" is below 0', prim.GetAttribute(name), hint="sizes are 0 or more")
-    sx, sy, sz = (1.0, 1.0, 1.0) if kind in _FAR else frame_of(world_from(prim, times[:1], 1.0)[0])[1]
-    mean_scale = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
-    scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy), 0.0), "cylinder": (sx, math.sqrt(sy * sz))}
-    numbers = [
-        number * unit_mm * scale for number, scale in zip(numbers, scales.get(kind, (mean_scale,)), strict=False)
-    ]
-    if _is_point(prim):
-        numbers = [_POINT_MM]
-    size = (
-        (math.radians(min(need(prim, "inputs:angle"), 360.0)) / 2, 0.0)
-        if kind == "distant"
-        else (*numbers, 0.0, 0.0)[:2]
-    )
+    kind, unit_mm = KINDS[str(prim.GetTypeName())][0], stage_mm_per_unit(prim)
+    size = _size(prim, times[0])
     picture = prim.GetAttribute("inputs:texture:file")
     texture = name_of(picture) if _shows_picture(prim) else ""
     area = Lamp(kind=kind, radiance=(0.0, 0.0, 0.0), size=size).area
@@ -123,6 +106,28 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
             message = f"the picture shines with {darkest:g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
             raise UnreadableValue(message, picture, hint="clip the picture, or lower inputs:intensity")
     return LampEntry(prim_path=str(prim.GetPath()), lamp=lamp)
+
+
+def _size(prim: Usd.Prim, time: float) -> tuple[float, float]:
+    """Size of a lamp, see `Lamp.size`, with the scale of its transform at a time."""
+    kind, names, factors = KINDS[str(prim.GetTypeName())]
+    numbers = [need(prim, name) * factor for name, factor in zip(names, factors, strict=True)]
+    for name, number in zip(names, numbers, strict=True):
+        if number < 0:
+            raise UnreadableValue(f'"{name}" is below 0', prim.GetAttribute(name), hint="sizes are 0 or more")
+    if kind == "distant":
+        return math.radians(min(need(prim, "inputs:angle"), 360.0)) / 2, 0.0
+    if kind == "dome":
+        return 0.0, 0.0
+    if _is_point(prim):
+        return _POINT_MM, 0.0
+    # Disks and cylinders stay round under an uneven scale, and spheres keep their volume.
+    _, (sx, sy, sz) = frame_of(world_from(prim, [time], 1.0)[0])
+    mean_scale = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
+    scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy),), "cylinder": (sx, math.sqrt(sy * sz))}
+    unit_mm = stage_mm_per_unit(prim)
+    sizes = [n * unit_mm * scale for n, scale in zip(numbers, scales.get(kind, (mean_scale,)), strict=True)]
+    return sizes[0], sizes[1] if len(sizes) > 1 else 0.0
 
 
 def _is_point(prim: Usd.Prim) -> bool:

@@ -36,20 +36,24 @@ def check_units(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Pro
 
 
 def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
+    """A warning if units or up axis of a referenced file differ from those of the stage, and no transform converts."""
     stage_stack, file_stack = arc.GetIntroducingNode().layerStack, arc.GetTargetNode().layerStack
     mine, file = stage_stack.identifier.rootLayer, file_stack.identifier.rootLayer
     (unit, up), (its_unit, its_up) = _units(mine), _units(file)
     if min(unit, its_unit) <= 0 or (unit, up) == (its_unit, its_up):
         return None
     layers = set(stage_stack.layers), set(file_stack.layers)
+    # Is the scale the ratio of units, by the suffix of its operations or by its size?
     ratio, matrix = its_unit / unit, _matrix(prim, *layers)
     scale, resolved = (float(abs(np.linalg.det(m)) ** (1 / 3)) for m in (matrix, _matrix(prim, *layers, _RESOLVING)))
     is_sized = min(abs(ratio - 1), abs(resolved / ratio - 1)) <= _SAME
     is_sized = is_sized or (scale > 0 and math.log(scale) / math.log(ratio) > _CONVERTING)
+    # Is the file's up axis turned away by 45 degrees at least?
     axis = np.eye(3)["XYZ".index(its_up)]
     is_turned = up == its_up or axis @ matrix @ axis < _UPRIGHT * np.linalg.norm(matrix @ axis)
     if is_sized and is_turned:
         return None
+    # The operations that would convert.
     faults, ops = [], []
     if not is_turned:
         ops += [(f"double xformOp:rotateX{_RESOLVING}", "-90" if its_up == "Z" else "90")]

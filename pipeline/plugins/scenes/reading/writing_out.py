@@ -132,6 +132,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
         for child in prim.GetChildren()
         if child.IsA(UsdGeom.Imageable) or not child.GetTypeName()
     }
+    # Primvars of the instancer with a value for each instance.
     count = {frame: max(each.places.get(frame, -1) for each in instances) + 1 for frame in frames}
     colours, problems = [], []
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
@@ -145,6 +146,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
             problems.append(
                 not_drawn(primvar.GetAttr(), f'"{name}" has too few values for {most:,} instances: none counts')
             )
+    # Prototypes are hidden; each instance is a transform above a reference to its prototype.
     bound = {path: _bound_above(stage.GetPrimAtPath(path), prim) for path in {each.prototype for each in instances}}
     with Sdf.ChangeBlock():
         for at in hidden:
@@ -170,6 +172,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
                 _token(shape, "visibility").default = hidden[instance.prototype]
+    # Primvars that prototypes inherit from prims above them.
     with Usd.EditContext(stage, layer):
         for number, instance in enumerate(instances):
             placed_prim = stage.GetPrimAtPath(path.AppendChild(f"{_INSTANCE}{number}"))
