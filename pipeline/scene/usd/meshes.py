@@ -167,10 +167,16 @@ def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     scheme = written if written in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
     is_plain = scheme == UsdGeom.Tokens.none or not len(polygons.count)
     shape = plain_shape(polygons) if is_plain else scene_reader().subdivided(prim, time, polygons, scheme)
-    if UsdGeom.Gprim(prim).GetOrientationAttr().Get(code_at(time)) == UsdGeom.Tokens.leftHanded:
-        normals = None if shape.normals is None else -shape.normals
-        shape = replace(shape, corners=shape.corners[:, [0, 2, 1]], normals=normals)
-    return shape
+    return _oriented(prim, shape, time)
+
+
+def _oriented(prim: Usd.Prim, shape: Drawn, time: float | None) -> Drawn:
+    """A shape with its fronts as the orientation of the prim has them."""
+    if UsdGeom.Gprim(prim).GetOrientationAttr().Get(code_at(time)) != UsdGeom.Tokens.leftHanded:
+        return shape
+    return replace(
+        shape, corners=shape.corners[:, [0, 2, 1]], normals=None if shape.normals is None else -shape.normals
+    )
 
 
 def fans(mesh: UsdGeom.Mesh) -> Drawn:
@@ -179,9 +185,7 @@ def fans(mesh: UsdGeom.Mesh) -> Drawn:
     polygons = polygons_of(mesh.GetPrim(), None)
     if polygons.flaws:
         raise ValueError(polygons.flaws[0])
-    shape = plain_shape(polygons)
-    is_left = mesh.GetOrientationAttr().Get(code_at(None)) == UsdGeom.Tokens.leftHanded
-    return replace(shape, corners=shape.corners[:, [0, 2, 1]]) if is_left else shape
+    return _oriented(mesh.GetPrim(), plain_shape(polygons), None)
 
 
 def code_at(time: float | None) -> Usd.TimeCode:

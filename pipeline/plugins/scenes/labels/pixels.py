@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.frames import apply
 from pipeline.plugins.scenes.labels.sight_lines import SETTLED_PX, SightLines
-from pipeline.plugins.scenes.labels.things import Things
+from pipeline.plugins.scenes.labels.things import LabelledScene
 from pipeline.records.shapes import Bool, Float32, Float64
 from pipeline.render.pixel_rays import Band, Batch, PixelRays, rays_of
 from pipeline.render.spectral.preview import srgb_encoded
@@ -46,13 +46,15 @@ class Asked:
         return names
 
 
-class _Hits:
+class _LabelledPixels:
     """Pixels of a batch, with the first hits of their rays."""
 
-    def __init__(self, rays: PixelRays, things: Things, asked: Asked, band: Band, lines: NowAndThen | None) -> None:
-        self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, things.faces
-        self._later = things.later
-        self._met = things.met(rays)
+    def __init__(
+        self, rays: PixelRays, scene: LabelledScene, asked: Asked, band: Band, lines: NowAndThen | None
+    ) -> None:
+        self._rays, self._asked, self._band, self._lines, self._faces = rays, asked, band, lines, scene.faces
+        self._later = scene.later
+        self._met = scene.met(rays)
         self._row, self._weight = rays.row[self._met.ray], rays.leaving.share[self._met.ray]
         self._pixels = len(rays.pixels)
         self._all = np.bincount(rays.row, rays.leaving.share, minlength=self._pixels)
@@ -164,7 +166,7 @@ _CHANNELS = {
 
 
 def labels_of(
-    band: Band, samples: int, scenes: Sequence[tuple[Things, Asked]], lines: NowAndThen | None = None
+    band: Band, samples: int, scenes: Sequence[tuple[LabelledScene, Asked]], lines: NowAndThen | None = None
 ) -> list[np.ndarray]:
     """Labels of the pixels of a band in several scenes, which share their rays: (h, w, channels) float32 each.
 
@@ -176,8 +178,8 @@ def labels_of(
         result[:, result.shape[1] - 2 * RANKS * len(asked.mattes) :] = 0.0
         results.append(result)
     for rays in rays_of(band, Batch(samples), np.where(band.strata == SKIP, 0, samples)):
-        for result, (things, asked) in zip(results, scenes, strict=True):
-            result[rays.pixels] = _Hits(rays, things, asked, band, lines).columns()
+        for result, (scene, asked) in zip(results, scenes, strict=True):
+            result[rays.pixels] = _LabelledPixels(rays, scene, asked, band, lines).columns()
     return [result.reshape(*band.shape, -1) for result in results]
 
 

@@ -61,10 +61,10 @@ class Met(NamedTuple):
     later_mm: np.ndarray  # (n, 3), the point in the next frame, in its vision frame; NaN: it is not there
 
 
-class Things:
+class LabelledScene:
     """Targets and occluders, each with its pose vision_from_target or vision_from_occluder, and the next frame.
 
-    `lit`: the same, if rays pass some of it.
+    `lit`: the same as a lit scene, if light passes any of it.
     """
 
     def __init__(

@@ -23,7 +23,7 @@ from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.readers import read_once
 
 
-class Surface:
+class SubdivisionSurface:
     """The topology of a subdivision surface, with the levels of its vertices and of its primvars."""
 
     def __init__(self, prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> None:
@@ -115,8 +115,8 @@ class Surface:
 
 
 @read_once
-def _surface(prim: Usd.Prim, time: float | None, scheme: str) -> Surface:
-    return Surface(prim, time, polygons_of(prim, time), scheme)
+def _surface_of(prim: Usd.Prim, time: float | None, scheme: str) -> SubdivisionSurface:
+    return SubdivisionSurface(prim, time, polygons_of(prim, time), scheme)
 
 
 def subdivided(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:
@@ -130,7 +130,7 @@ def subdivided(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: s
 
 def refined(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:
     is_still = not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in TOPOLOGY)
-    surface = _surface(prim, None if is_still else time, scheme)
+    surface = _surface_of(prim, None if is_still else time, scheme)
     levels, points = surface.levels, polygons.points
     tolerance = tolerance_of(prim, float(np.ptp(points[polygons.vertex], axis=0).max()))
     level, distance = levels.level_for(points, tolerance, limits().triangles // 2)

@@ -14,7 +14,7 @@ from pipeline.motion import Shutter
 from pipeline.plugins.scenes.labels.cryptomatte import attributes_of, id_of
 from pipeline.plugins.scenes.labels.pixels import SHOWN, Asked, labels_of, preview
 from pipeline.plugins.scenes.labels.sight_lines import SightLines
-from pipeline.plugins.scenes.labels.things import Later, Things
+from pipeline.plugins.scenes.labels.things import LabelledScene, Later
 from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
 from pipeline.plugins.scenes.tasks.params import BOXES, LABELS, PREVIEW, Labels, LabelsTile
 from pipeline.products.cameras import Inputs, imaged_rig
@@ -66,7 +66,7 @@ def _line_by_line(
     return np.concatenate(parts, axis=1 - shutter.axis)
 
 
-def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
+def _scene(params: LabelsTile, inputs: Inputs) -> tuple[LabelledScene, Asked]:
     asked, later, after = params.channels, None, params.later
     if after is not None:
         poses = [np.array(then.vision_from_target) for then in after.targets]
@@ -77,7 +77,7 @@ def _scene(params: LabelsTile, inputs: Inputs) -> tuple[Things, Asked]:
     lit = lit_view(params.view, inputs).in_light(0) if params.view.lighting else None
     world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
     ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
-    return Things(targets, list(map(placed_occluder, params.view.occluders)), later, lit), Asked(
+    return LabelledScene(targets, list(map(placed_occluder, params.view.occluders)), later, lit), Asked(
         asked.tokens, asked.targets, ids, world_from_vision
     )
 
