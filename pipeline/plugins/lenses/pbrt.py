@@ -82,6 +82,7 @@ def _parsed(path: str | Path) -> tuple[list[str], float | None, list[tuple[int, 
 
 
 def _with_stop(path: str | Path, rows: list[tuple[int, list[float]]]) -> list[PrintedSurface]:
+    """Rows as surfaces; the stop is the only row of radius 0 in air."""
     surfaces, stops = [], []
     index_before = 1.0
     for i, (line, (radius, thickness, listed, diameter)) in enumerate(rows):

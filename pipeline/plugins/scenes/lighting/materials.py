@@ -231,7 +231,7 @@ class MaterialTable:
         texels = [np.asarray(picture, np.float32).reshape(-1, 4) for picture in pictures.values()]
         self._texels = np.concatenate([np.zeros((0, 4), np.float32), *texels])
         self._materials: list[tuple[Material, float, Mapping[str, int]]] = []
-        self._flags: list[tuple[float, ...]] = []
+        self._flags: list[np.ndarray] = []
 
     def add(
         self,
@@ -244,17 +244,21 @@ class MaterialTable:
 
         Glass of a mesh that is not closed is a pane.
         """
-        bumpy = material.normal.texture is not None
-        self._materials.append((material, radiance, columns))
-        facing, threshold = facing_of(material.ior), material.opacity_threshold
+        flags = np.zeros(FLAGS)
+        flags[WORKFLOW] = material.specular_color is not None
+        flags[FACING] = facing_of(material.ior)
+        flags[THRESHOLD] = 0.0 if material.glass else material.opacity_threshold
+        flags[LAYER] = _has_layer(material)
+        flags[BUMPY] = material.normal.texture is not None
+        flags[COATED] = material.clearcoat.differs(0.0)
         if material.glass:
-            veil, threshold = BODY if is_closed else PANE, 0.0
-        elif threshold > 0 or not material.opacity.differs(1.0):
-            veil = SOLID
+            flags[VEIL] = BODY if is_closed else PANE
+        elif flags[THRESHOLD] > 0 or not material.opacity.differs(1.0):
+            flags[VEIL] = SOLID
         else:
-            veil = PRESENCE if material.is_presence else CLEAR
-        flags = (material.specular_color is not None, facing, threshold, _has_layer(material))
-        self._flags.append((*flags, bumpy, veil, material.clearcoat.differs(0.0), 0.0, 0.0))
+            flags[VEIL] = PRESENCE if material.is_presence else CLEAR
+        self._materials.append((material, radiance, columns))
+        self._flags.append(flags)
         return len(self._flags) - 1
 
     def add_coat(self, coat: Coat | None) -> int:
@@ -264,7 +268,7 @@ class MaterialTable:
     def arrays(self, raised: Float64[np.ndarray, "3"], light: Slice) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
         inputs = [self._inputs(*material, raised) for material in self._materials]
-        flags = np.array(self._flags, float).reshape(-1, FLAGS)
+        flags = np.array(self._flags).reshape(-1, FLAGS)
         for row, (material, *_) in zip(flags, self._materials, strict=True):
             if material.glass:
                 row[INDEX], row[ABSORPTION] = _in_light(material.glass, raised, light)
