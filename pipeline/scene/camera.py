@@ -32,10 +32,11 @@ from pipeline.scene.sensor import (
 from pipeline.scene.shutters import check_shutter, read_shutter
 from pipeline.scene.temperature import growth_of, larger_array, mount_growth
 from pipeline.scene.usd.poses import camera_name
-from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem, warning, written_at
+from pipeline.scene.usd.problems import Problem, of_reader, problem, warning, written_at
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import fields_of, need, read, target, target_paths
 from pipeline.scene.windows import behind_fixed, check_windows
+from pipeline.spelling import did_you_mean
 from pipeline.truth.settings import TruthSettings
 
 _MODELS = {"pinhole": "a pinhole", "thinLens": "a thin lens"}

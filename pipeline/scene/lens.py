@@ -18,9 +18,10 @@ from pipeline.optics.glass.medium import GlassError, Medium, Melt
 from pipeline.optics.prescription import Group, Prescription, PrescriptionError, Relief, Surface, gaps_mm
 from pipeline.scene.dataset import LensEntry
 from pipeline.scene.temperature import expanded, temperatures_c, warmed
-from pipeline.scene.usd.problems import Problem, did_you_mean, of_reader, problem, warning
+from pipeline.scene.usd.problems import Problem, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read
+from pipeline.spelling import did_you_mean
 
 _TOUCH_MM = 1e-9
 """Overlap of surfaces that still counts as touching and is accepted [mm]: numbers in prescriptions have far fewer

@@ -12,8 +12,9 @@ from pipeline.render.sensor.colours import DAYLIGHT, PRIMARIES, Colorimetry, col
 from pipeline.render.sensor.response import Irradiation, Radiance, SensorResponse
 from pipeline.scene.channels import channel_prims, effective_nm, illuminant_of, response_of, wavelengths_of
 from pipeline.scene.losses import check_losses, losses_at
-from pipeline.scene.usd.problems import Problem, did_you_mean, problem
+from pipeline.scene.usd.problems import Problem, problem
 from pipeline.scene.usd.values import UnreadableValue, fields_of, need, read, target
+from pipeline.spelling import did_you_mean
 
 _FILTERS = "plen:response:filters"
 MONO = "mono"

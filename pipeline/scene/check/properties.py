@@ -12,7 +12,7 @@ from pxr import Plug, Sdf, Tf, Usd, UsdGeom
 
 from pipeline.scene.usd.curves import written_times
 from pipeline.scene.usd.poses import is_op, is_orient
-from pipeline.scene.usd.problems import Problem, at_opinion, did_you_mean, problem, saying, shortened, shown_path, specs
+from pipeline.scene.usd.problems import Problem, at_opinion, problem, saying, shortened, shown_path, specs
 from pipeline.scene.usd.roots import PLUGIN_NAME, file_of
 from pipeline.scene.usd.values import (
     FOREIGN,
@@ -30,7 +30,7 @@ from pipeline.scene.usd.values import (
     rules_of,
     target_paths,
 )
-from pipeline.spelling import nearest
+from pipeline.spelling import did_you_mean, nearest
 
 FOR_NO_IMAGE = re.compile(
     r"(drive|limit|state|semantics?|omni|isaac|arnold|karma|redshift|ri|rtx):|physics|physx|newton|mjc|mujoco"

@@ -32,7 +32,6 @@ from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
     at_opinion,
-    did_you_mean,
     metadata_problem,
     problem,
     saying,
@@ -43,6 +42,7 @@ from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path
 from pipeline.scene.usd.usda_lines import text_map
 from pipeline.scene.usd.values import Range
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
+from pipeline.spelling import did_you_mean
 
 _OF_TYPE: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),

@@ -12,9 +12,7 @@ from pipeline.errors import EnvironmentFault, PipelineError, UsageError
 from pipeline.limits import how_to_raise, limits
 from pipeline.scene.usd.usda_lines import line_of, line_of_metadata, sample_key
 from pipeline.scene.usd.values import UnreadableValue
-from pipeline.spelling import did_you_mean, printable
-
-__all__ = ["Problem", "StageError", "did_you_mean", "shown_path"]
+from pipeline.spelling import printable
 
 NOT_DRAWN = "not-drawn"
 """Code of warnings of what is drawn otherwise than its stage asks."""

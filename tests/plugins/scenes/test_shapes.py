@@ -75,7 +75,8 @@ def test_a_build_refines_a_mesh_once_and_its_channels_share_the_triangles(tmp_pa
     stage.write_text(stage.read_text().replace(rig, rig + sensor + lens))
     result = made(stage, tmp_path / "out", tmp_path / "store", preview=True)
     assert sum(task.name.startswith("image/") for task in result.tasks) == 3
-    assert (len(refined), len(trees)) == (1, 1)
+    of_mesh = [corners for ((corners,),) in trees if len(corners) > 1000]  # kernels are compiled by a tiny scene
+    assert (len(refined), len(of_mesh)) == (1, 1)
 
 
 KINDS = ("PointInstancer", "instances", "references")

@@ -22,7 +22,7 @@ SPACES = ("auto", "raw", "sRGB")
 
 
 @dataclass(frozen=True, slots=True)
-class PictureFile:
+class InspectedPicture:
     """A picture that can be decoded: its bytes, and bounds of the numbers of its pixels [1]."""
 
     content: bytes
@@ -86,7 +86,7 @@ def is_picture(attribute: Usd.Attribute) -> bool:
     return isinstance(value, Sdf.AssetPath) and bool(value.path)
 
 
-def picture_of(attribute: Usd.Attribute) -> PictureFile:
+def picture_of(attribute: Usd.Attribute) -> InspectedPicture:
     """The picture that an attribute names; UnreadableValue if it is missing, outside, too large, or cannot be read."""
     value = first_of(attribute)
     if not isinstance(value, Sdf.AssetPath) or not value.path:
@@ -99,7 +99,7 @@ def picture_of(attribute: Usd.Attribute) -> PictureFile:
 
 
 @read_once
-def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
+def _inspected(stage: Usd.Stage, asset: str, path: str) -> InspectedPicture:
     """A picture; PipelineError, without the name of the file, if it cannot be used."""
     if not path:
         slashes = "asset paths use forward slashes" if "\\" in asset else None
@@ -133,4 +133,4 @@ def _inspected(stage: Usd.Stage, asset: str, path: str) -> PictureFile:
     except OSError as error:
         raise PipelineError(f"cannot be read: {error.strerror}", code="unreadable") from None
     with hushed():
-        return PictureFile(content, suffix, *ends_of(content, suffix))
+        return InspectedPicture(content, suffix, *ends_of(content, suffix))
