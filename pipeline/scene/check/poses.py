@@ -132,7 +132,7 @@ def _scaling_link(prim: Usd.Prim) -> Usd.Prim | Usd.Property:
 
 
 def _is_beside(prescription: Prescription, triangles_mm: np.ndarray) -> bool:
-    """Whether a shape, (m, 3, 3) vision frame, stands beside a lens of more than 180 degrees."""
+    """Whether a shape, (m, 3, 3) vision frame, stands beside a lens that may see points beside it."""
     return pupil_fan(prescription).is_wide and not meets_lens(triangles_mm, *body_of(prescription))
 
 
