@@ -103,7 +103,8 @@ class _Since:
         for step, following in pairwise([*steps, ""]):
             if is_dataclass(value):
                 note = attributes_of(type(value)).get(step, "").replace("*", following)
-                notes |= {part.removesuffix("/") for part in note.split()}
+                # Records of a camera name attributes of the stage.
+                notes |= {part.removesuffix("/") for part in note.split() if not part.startswith("plen:")}
                 frame = value.number if isinstance(value, JudgedFrame | PosedFrame | RigFrame) else frame
                 value = getattr(value, step, None)
             elif isinstance(value, list | tuple):

@@ -128,6 +128,22 @@ def test_what_only_makes_sense_together_is_told_together(desk):
     assert [re.findall(r"Board\.([\w:]+)", line)[0] for line in desk.edits("frame_poses/Rig.Camera")] == attributes[2:]
 
 
+def test_a_setting_of_the_truth_is_told_by_its_own_attribute_beside_a_turned_board(desk):
+    """The turned board shows in derived numbers alone; records of settings name attributes of the stage."""
+    rays, orient = "uniform bool plen:truth:rays = 1", "1: (0.9990482215818578, 0, 0, 0.043619387365336)"
+    desk.edit(
+        desk.stage,
+        (rays, f"{rays}\n            uniform double plen:truth:accuracy = 0.002"),
+        (orient, "1: (1, 0, 0, 0)"),
+    )
+    tasks = {task.name: task for task in desk.before.planned(project_of(desk.stage))}
+    reasons = {reason.field: reason for reason in tasks["truth/Rig.Camera/0001"].reasons if reason.edits}
+    told = {edit.at for edit in reasons["params.table.settings.accuracy_px"].edits}
+    assert told == {"/TinyConventional/Rig/Camera.plen:truth:accuracy"}
+    poses = [reason.edits for field, reason in reasons.items() if "vision_from_target" in field]
+    assert poses and {edit.at for edits in poses for edit in edits} == {"/TinyConventional/Board.xformOp:orient"}
+
+
 def test_a_task_is_compared_with_the_stage_that_it_was_built_from(desk):
     """What was built in between says nothing of tasks that are older."""
     first = desk.before
