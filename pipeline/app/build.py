@@ -84,7 +84,7 @@ def project(
 ) -> Project:
     """The project of a stage: tasks, files and options. Nothing is run or written.
 
-    With `preview` only small pictures, a quarter of the size (see `graph.variants`), by default for another output
+    With `preview` only small pictures, a quarter of the size (see `products.variants`), by default for another output
     folder. StageError if the stage does not pass `check`.
     """
     return project_from(load(path, allow_roots), Path(path), out, preview=preview)

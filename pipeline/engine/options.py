@@ -34,7 +34,7 @@ class BuildOptions:
     `check_percent`: share of the tasks that run a second time to compare their bytes [%].
     `engine`: `dask:tcp://host:8786` or `dask:FILE`: run tasks on a Dask cluster, whose workers share only the store.
     `device`: `cuda`: trace images and position images on a CUDA device, whose name enters their keys; see
-    `graph.variants`.
+    `products.variants`.
     `allow_roots`: further folders that the stage may reference.
     `preview`: make only pictures, a quarter of the size and with few samples, in `OUT.preview`.
     `pictures`: make images and maps of the cameras besides tables and records.

@@ -2,7 +2,7 @@
 
 `camera` hands on a camera as it was settled when the graph was made, once for all tasks that read it: as a parameter of
 each it would be a part of every key's record, and planning would take twice the time. What no ray depends on is no part
-of it (see `graph.settled`): names are written by `first_order`, so renaming a lens touches no ray.
+of it (see `products.draft.settled`): names are written by `first_order`, so renaming a lens touches no ray.
 """
 
 import dataclasses
