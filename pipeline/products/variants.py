@@ -14,6 +14,8 @@ from pipeline.engine.project import Project, maker_of
 from pipeline.engine.records import Params
 from pipeline.errors import UsageError
 from pipeline.formats import Reads, format_of
+from pipeline.products.images.params import Rendering
+from pipeline.products.rays.params import RaysTile
 from pipeline.scene.dataset import CameraEntry, Dataset
 
 SHRINK = 4
@@ -94,9 +96,7 @@ def folder_of(out: Path) -> Path:
 PICTURES = (".exr", ".png", ".tiff", ".dng")
 """Ends of the names of files with a value per pixel."""
 DEVICES = ("cuda",)
-BUNDLES, IMAGES = "rays_tile", ("white", "image")
-"""Kind of tasks, and products, whose rays a device can trace: bundles of position images in float64, images in float32.
-"""
+"""Devices that can trace rays: bundles of position images in float64, images in float32."""
 
 
 def on_device(project: Project, options: BuildOptions) -> Project:
@@ -120,8 +120,9 @@ def on_device(project: Project, options: BuildOptions) -> Project:
 
 def _on(device: str, task: Task) -> Params:
     """Parameters of a task with the device, if it can use one: not of smooth white images, made by quadrature."""
-    if task.short_kind == BUNDLES:
+    record = task.record or object
+    if issubclass(record, RaysTile):
         return {**task.params, "device": device}
-    if task.product in IMAGES and not task.params.get("is_smooth"):
+    if issubclass(record, Rendering) and not task.params.get("is_smooth"):
         return {**task.params, "exposure": {**task.params["exposure"], "device": device}}
     return task.params
