@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, regions
+from pipeline.camera.integrating.quadrature import EMPTY, FINE, INTEGRATED, NOT_STAR_SHAPED, ROUGH, Outcome, regions
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.moments import COLUMNS, VARIANCE, mixed
@@ -33,8 +33,6 @@ _ANCHORED_PX = 0.5
 """Farthest anchor [px]: half of the pixel within which a region serves other positions."""
 _NODES_AT_ONCE = 1 << 22
 """Quadrature nodes of a batch of squares: bounds memory, and no result depends on it."""
-_Levels = tuple[list[tuple[np.ndarray, np.ndarray]], int]
-"""Moments and status of each level, and the number of rays traced."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +91,12 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
 
     Level 0 is for intermediate steps: its boundaries are coarser, and its error is NaN for want of a coarser level.
     """
-    levels, rays = _over_light(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
-    moments, status = levels[-1]
+    levels = _over_light(tracer, bundles.lit(), [level - 1, level] if level > 0 else [level])
+    moments, status, _ = levels[-1]
+    rays = sum(outcome.rays for outcome in levels)
     error = np.full((len(bundles.x_px), 2), np.nan)
     if level > 0:
-        error = np.abs(moments[:, :2] - levels[0][0][:, :2])
+        error = np.abs(moments[:, :2] - levels[0].moments[:, :2])
     odd = status == NOT_STAR_SHAPED
     if odd.any():
         other = random_integrals(tracer, bundles.only(odd), RANDOM_RAYS[level])
@@ -107,8 +106,8 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
     return Integral(moments, error, odd, rays)
 
 
-def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
-    """Weighted sum over all wavelengths."""
+def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> list[Outcome]:
+    """Weighted sum over all wavelengths, at each level."""
     over = _over_squares if bundles.square_px > 0 else _over_points
     lights = tracer.lights
     parts = [over(light.tracer, bundles, levels) for light in lights]
@@ -116,36 +115,37 @@ def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
         return parts[0]
     shares = np.array([light.share for light in lights])
     result = []
-    for of_level in zip(*(levels_of_part for levels_of_part, _ in parts), strict=True):
-        moments, status = (np.stack(values, axis=1) for values in zip(*of_level, strict=True))
-        result.append((mixed(moments, shares), _worst(status)))
-    return result, sum(rays for _, rays in parts)
+    for of_level in zip(*parts, strict=True):
+        moments = np.stack([outcome.moments for outcome in of_level], axis=1)
+        status = np.stack([outcome.status for outcome in of_level], axis=1)
+        result.append(Outcome(mixed(moments, shares), _worst(status), sum(outcome.rays for outcome in of_level)))
+    return result
 
 
-def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> _Levels:
+def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> list[Outcome]:
+    """Rays of the search for regions, which all levels share, count for the first."""
     last = levels[-1] if last is None else last
     positions = tracer.positions_mm(*bundles.x_px.T)
     lit = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
-    parts = [lit.moments(bundles.planes, NODES[level], level == last) for level in levels]
-    return [(part.moments, part.status) for part in parts], lit.rays + sum(part.rays for part in parts)
+    first, *finer = (lit.moments(bundles.planes, NODES[level], level == last) for level in levels)
+    return [first._replace(rays=first.rays + lit.rays), *finer]
 
 
-def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> _Levels:
+def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> list[Outcome]:
     result = []
-    rays = 0
     n = len(bundles.x_px)
     for level in levels:
-        moments, status = np.empty((n, COLUMNS)), np.empty(n, np.int64)
+        moments, status, rays = np.empty((n, COLUMNS)), np.empty(n, np.int64), 0
         stretch = max(1, _NODES_AT_ONCE // (SQUARE_NODES[level] ** 2 * NODES[level][0] * NODES[level][1]))
         for first in range(0, n, stretch):
             batch = slice(first, first + stretch)
             nodes, share = bundles.only(batch).at_nodes(level)
-            ((values, outcome),), more = _over_points(tracer, nodes, [level], levels[-1])
-            moments[batch] = mixed(values.reshape(-1, len(share), COLUMNS), share)
-            status[batch] = _worst(outcome.reshape(-1, len(share)))
-            rays += more
-        result.append((moments, status))
-    return result, rays
+            (outcome,) = _over_points(tracer, nodes, [level], levels[-1])
+            moments[batch] = mixed(outcome.moments.reshape(-1, len(share), COLUMNS), share)
+            status[batch] = _worst(outcome.status.reshape(-1, len(share)))
+            rays += outcome.rays
+        result.append(Outcome(moments, status, rays))
+    return result
 
 
 @functools.cache

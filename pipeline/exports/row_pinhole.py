@@ -75,7 +75,7 @@ class _Adjusted:
 
     @property
     def together(self) -> Sightings:
-        names = ("x_px", "places_mm")
+        names = ("x_px", "points_mm")
         return Sightings(*(np.concatenate([getattr(target, name) for target in self.targets]) for name in names))
 
     def settled(self, free: tuple[int, ...]) -> Self:
@@ -103,7 +103,7 @@ class _Adjusted:
         for target, before, (by_move, shared) in zip(self.targets, self.moves, parts, strict=True):
             turn_and_shift = np.linalg.lstsq(by_move, -shared @ [*step, 1.0], rcond=None)[0]
             move = _move(target, turn_and_shift)
-            targets.append(replace(target, places_mm=apply(move, target.places_mm)))
+            targets.append(replace(target, points_mm=apply(move, target.points_mm)))
             moves.append(move @ before)
             change_px = max(change_px, float(np.linalg.norm(by_move @ turn_and_shift)))
         error = 0.0
@@ -124,14 +124,14 @@ def _without(basis: np.ndarray, columns: np.ndarray) -> np.ndarray:
 def _by_move(sightings: Sightings, p: np.ndarray) -> np.ndarray:
     """Derivatives of residuals by a turn of a target about the middle of its points and by a shift, (2 n, 6)."""
     steps = fit.IMAGINARY * 1j * np.eye(3)
-    off = [replace(sightings, places_mm=sightings.places_mm + step).residuals(p).imag / fit.IMAGINARY for step in steps]
+    off = [replace(sightings, points_mm=sightings.points_mm + step).residuals(p).imag / fit.IMAGINARY for step in steps]
     by_place = np.stack(off, axis=-1)
-    arms = (sightings.places_mm - sightings.places_mm.mean(axis=0))[:, None]
+    arms = (sightings.points_mm - sightings.points_mm.mean(axis=0))[:, None]
     return np.concatenate([np.cross(arms, by_place), by_place], axis=2).reshape(-1, 6)
 
 
 def _move(sightings: Sightings, turn_and_shift: np.ndarray) -> np.ndarray:
     """The rigid transform of a small turn about the middle of the points, by Cayley, and of a shift, (4, 4)."""
-    half, middle = np.cross(turn_and_shift[:3] / 2, np.eye(3)).T, sightings.places_mm.mean(axis=0)
+    half, middle = np.cross(turn_and_shift[:3] / 2, np.eye(3)).T, sightings.points_mm.mean(axis=0)
     rotation = np.linalg.solve(np.eye(3) - half, np.eye(3) + half)
     return rigid(rotation, middle + turn_and_shift[3:] - rotation @ middle)

@@ -76,12 +76,12 @@ class Sightings:
     """Image positions (n, 2) and the points of the vision frame that they see, (n, 3)."""
 
     x_px: Float64[np.ndarray, "n 2"]
-    places_mm: Num[np.ndarray, "n 3"]
+    points_mm: Num[np.ndarray, "n 3"]
 
     def residuals(self, p: Shaped[np.ndarray, "13"]) -> np.ndarray:
         """Image of the points in a pinhole minus their positions, (n, 2) [px]; analytic in `p`."""
         coefficients = np.concatenate([p[list(BROWN)], _NO_MORE, p[list(TILT)]])
-        ahead = self.places_mm - p[list(CENTRE)]
+        ahead = self.points_mm - p[list(CENTRE)]
         x, y = distorted(coefficients, *(ahead[:, :2] / ahead[:, 2:]).T)
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 

@@ -131,22 +131,23 @@ def _footprint(
     """
     rays = 0
     further = () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
-    for number, fan in enumerate(itertools.chain(fans, further)):
-        aim = fan
-        position, direction, passed = _sent(table, point_mm, fan, is_steep=is_steep)
-        rays += len(aim) if number < len(fans) or passed.any() else 0
-        for _ in range(_FOLLOWED if passed.any() else 0):
-            about = _about(aim, passed)
-            if about is None:
+    for number, aim in enumerate(itertools.chain(fans, further)):
+        sent = _sent(table, point_mm, aim, is_steep=is_steep)
+        rays += len(aim) if number < len(fans) or sent.passes.any() else 0
+        if not sent.passes.any():
+            continue
+        # Follow the light while it reaches the rim of a fan, or fills little of it.
+        for _ in range(_FOLLOWED):
+            following = _about(aim, sent.passes)
+            if following is None:
                 break
-            sent = _sent(table, point_mm, about, is_steep=is_steep)
-            rays += len(about)
-            if not sent[2].any():
+            followed = _sent(table, point_mm, following, is_steep=is_steep)
+            rays += len(following)
+            if not followed.passes.any():
                 break
-            aim = about
-            position, direction, passed = sent
-        if passed.any():
-            return *tracer.arrivals(position[passed] * _FLIP, direction[passed] * _FLIP), rays
+            aim, sent = following, followed
+        position, direction = sent.position[sent.passes], sent.direction[sent.passes]
+        return *tracer.arrivals(position * _FLIP, direction * _FLIP), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
 
 

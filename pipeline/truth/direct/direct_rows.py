@@ -157,15 +157,16 @@ def solve(
     # Solve roughly, then to the accuracy wherever a row may exist.
     search.approach(may_exist)
     is_solved = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.inverse).all(axis=(1, 2))
-    somewhere = np.where(is_solved[:, None], search.x_px, 0.0)
-    near = is_solved & may_exist(somewhere, np.arange(len(is_solved)), NEARLY_PX)
+    rough_px = np.where(is_solved[:, None], search.x_px, 0.0)
+    near = is_solved & may_exist(rough_px, np.arange(len(is_solved)), NEARLY_PX)
     search.refine(np.flatnonzero(near), accuracy_px)
+    # Take the solutions; name what is left unsolved in light enough for a row.
     ended = np.isfinite(search.x_px).all(axis=1) & np.isfinite(search.sigma_px).all(axis=1)
     strayed = ~search.reached & ~search.is_random & (search.contraction > 1)  # its last step led away from the point
     rows = np.flatnonzero(near & ended & ~strayed)
     missed = ~is_solved | near
     missed[rows] = False
-    # Where a rim hides the point steps lead from too little light into none: no row, however near the search came.
+    # Where a rim hides the point, steps lead from too little light into none: no row, however near the search came.
     is_dark = missed & ~(rig.hit_fraction(search.lit_moments) >= min_hit_fraction)
     unsolved = np.flatnonzero(missed & ~is_dark)
     counts = {"candidates": len(is_solved), "unsolved": len(unsolved)}
@@ -178,7 +179,7 @@ def solve(
     counts |= dropped
     search.sharpen(rows, accuracy_px)
     counts["dropped_hit_fraction"] += int(is_dark.sum())
-    beside = is_solved & ~near & ~rig.in_image(somewhere, NEARLY_PX)
+    beside = is_solved & ~near & ~rig.in_image(rough_px, NEARLY_PX)
     counts["dropped_outside_image"] += int(beside.sum())
     counts["dropped_outside_cell"] += int(np.sum(is_solved & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
