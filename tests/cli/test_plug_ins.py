@@ -1,6 +1,7 @@
 """A plug-in is found by its entry points: its verbs, engines and products, what is broken, and what is not there."""
 
 import sys
+from pathlib import Path
 
 import pytest
 from places import TINY
@@ -96,3 +97,11 @@ def test_without_its_plug_in_a_verb_says_so(verb, run, monkeypatch):
     code, output, log = run(verb, "anything", "--json")
     assert (code, output) == (2, "")
     assert log.startswith(f'error: no plug-in that is installed has the verb "{verb}"\n    hint: ')
+
+
+def test_without_the_plug_in_that_rates_poses_the_best_are_refused_before_any_is_looked_for(run, monkeypatch):
+    monkeypatch.setattr("pipeline.entry_points._offered", lambda group, path: {})
+    parts = ("--rig", "rigs/conventional_100mm.usda", "--target", "targets/charuco_8x5.usda")
+    code, output, log = run("new", "dataset", "d.usda", *parts, "--best", "2")
+    assert (code, output) == (2, "") and not Path("d.usda").exists()
+    assert log.startswith('error: no plug-in that is installed has the pose "best"\n    hint: ')

@@ -115,11 +115,12 @@ def new_dataset(
     written, or the target is too large for the cameras.
     """
     require_free(out)
+    best_of = plugged_in("pose", "best") if wish.of > 1 else None
     plan = _plan(out, rig, target, camera)
     dataset = _read(out, plan)
     fields, poses = _filled(_fields(dataset, wish), tell)
-    if wish.of > 1:
-        poses = plugged_in("pose", "best")(fields, poses, wish.count, tell)
+    if best_of:
+        poses = best_of(fields, poses, wish.count, tell)
         for number, pose in enumerate(poses, 1):
             tell(f"pose {number} of {wish.count}: {_comment(pose)}")
     if wish.fit:
