@@ -41,11 +41,14 @@ def package_of(entry: "EntryPoint") -> str:
 
 
 def plugged_in(kind: str, name: str) -> Any:
-    """Load the object that an entry point names; UsageError if no plug-in declares it, or if it is broken."""
+    """Load the object that an entry point names; UsageError if no plug-in declares it, several do, or it is broken."""
     if name not in (entries := offered(kind)):
         hint = f"{kind}s of plug-ins: {', '.join(sorted(entries)) or 'none; install plenoptic-pipeline again'}"
         raise UsageError(f'no plug-in that is installed has the {kind} "{name}"', hint=hint)
-    entry = entries[name][0]
+    if len(entries[name]) > 1:
+        packages = " and ".join(sorted(map(package_of, entries[name])))
+        raise UsageError(f'the packages {packages} each have the {kind} "{name}"', hint="remove one of them")
+    (entry,) = entries[name]
     try:
         return entry.load()
     except Exception as error:  # a stranger's code may fail in any way

@@ -16,6 +16,7 @@ broken = nowhere_to_be_found:verbs
 
 [plenoptic_pipeline.engines]
 toy = stranger_of_ours:engine_of
+dask = stranger_of_ours:engine_of
 
 [plenoptic_pipeline.products]
 sizes = stranger_of_ours:plan_sizes
@@ -78,6 +79,8 @@ def test_an_engine_is_asked_for_by_its_name_and_one_that_is_not_there_is_named(s
         build(TINY, engine="toy:here", timeout_s=2.0)
     with pytest.raises(UsageError, match=r'no plug-in that is installed has the engine "ray"\n.*toy'):
         build(TINY, engine="ray:auto")
+    with pytest.raises(UsageError, match='packages plenoptic-pipeline and stranger each have the engine "dask"'):
+        build(TINY, engine="dask:here")
 
 
 def test_a_product_of_another_package_is_made_and_delivered(stranger, tmp_path):
