@@ -6,10 +6,12 @@ corner or of a micro-image: both are stated, in the file or beside it, and never
 
 import gzip
 import re
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Self
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -23,6 +25,8 @@ dot's, and that of the chief ray."""
 CENTRES = ("centroid", "chief", "none")
 """Positions that programs call the centre of a micro-image: the centroid of its light, and the chief ray through its
 microlens. With `none`, those of a file are left out."""
+_LARGEST = 2**53
+"""Number above which floats skip whole ones."""
 _NO_POINT = -1
 """Frame, and number of the point, of the centre of a micro-image."""
 ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
@@ -138,7 +142,7 @@ def joined(parts: Sequence[Observations], where: str) -> Observations:
 def read_observations(path: Path, stated: Stated) -> Observations:
     """Read a file of positions; what it is follows from its suffix.
 
-    Raises UsageError: it is of no kind that is read, or it does not say what has to be said; DamagedFile.
+    Raises UsageError: it is of no kind that is read, is damaged, or does not say what has to be said.
     """
     reader = next((read for suffix, read in _READERS.items() if path.name.endswith(suffix)), None)
     if reader is None:
@@ -146,11 +150,16 @@ def read_observations(path: Path, stated: Stated) -> Observations:
         raise UsageError(f"{path} is no file of observations", hint=hint)
     if not path.is_file():
         raise UsageError(f"there is no file {path}")
-    found = reader(path, stated)
+    try:
+        found = reader(path, stated)
+    except DamagedFile as error:
+        raise UsageError(error.message, hint="correct it; docs/how_to/calibrate.md has the layout") from error
     if not len(found):
         raise UsageError(f"{path} holds no position")
-    if not (np.isfinite(found.x_px).all() and (found.sigma_px > 0).all()):
-        raise UsageError(f"{path} holds positions that are no numbers, or a sigma that is not above 0")
+    wrong = np.flatnonzero(~(np.isfinite(found.x_px).all(axis=1) & (found.sigma_px > 0) & np.isfinite(found.sigma_px)))
+    if len(wrong):
+        what = f"{path} has a position that is no number, or a sigma that is not above 0: {found.name(wrong[0])}"
+        raise UsageError(what, hint="leave out what was not seen")
     _once(found, str(path))
     return found
 
@@ -206,9 +215,9 @@ def _csv(path: Path, stated: Stated) -> Observations:
     is_of_centres = not {"frame", "point_id"} & {*table.columns}
     kind = "centres" if is_of_centres else "position"
     wanted = ("x_px", "y_px") if is_of_centres else ("frame", "point_id", "x_px", "y_px")
-    said = _settled(path, stated, table.comments, "pixel_origin", kind)
     if missing := [name for name in wanted if name not in table.columns]:
-        raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}")
+        raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}, between commas")
+    said = _settled(path, stated, table.comments, "pixel_origin", kind)
     x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
     has_microlens, count = _has(table, *_MICROLENS), len(x_px)
     columns = {
@@ -241,7 +250,7 @@ def _column(path: Path, table: Table, name: str) -> np.ndarray:
 
 def _whole(path: Path, table: Table, name: str) -> np.ndarray:
     values = _column(path, table, name)
-    if not (values == np.round(values)).all():
+    if not (values == np.round(values)).all() or not (np.abs(values) < _LARGEST).all():
         raise DamagedFile(path, f"column {name} holds something that is no whole number")
     return values.astype(np.int64)
 
@@ -253,8 +262,8 @@ def _npz(path: Path, stated: Stated) -> Observations:
     try:
         with np.load(path) as data:
             arrays = {name: data[name] for name in data.files}
-    except (ValueError, OSError) as error:
-        raise DamagedFile(path, str(error)) from error
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        raise DamagedFile(path, f"no arrays of NumPy ({type(error).__name__})") from error
     if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
     words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
@@ -337,7 +346,7 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
             count, size = int.from_bytes(data[first : first + 8], "little"), np.dtype(kind).itemsize
             parts.append(np.frombuffer(data, kind, count, first + 8))
             first += 8 + count * size
-    except (ValueError, OSError, EOFError) as error:
+    except (ValueError, OSError, EOFError, OverflowError, zlib.error) as error:
         raise DamagedFile(path, f"no observations of libpleno: {error}") from error
     centres, *points = parts
     rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in points])

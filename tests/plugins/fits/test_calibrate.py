@@ -26,7 +26,6 @@ from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
-from pipeline.files.damaged import DamagedFile
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
 from pipeline.plugins.fits.placement import placed
@@ -321,7 +320,7 @@ def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(t
     with pytest.raises(UsageError, match="arrays that do not fit together"):
         calibrate(narrow, [tmp_path / "seen.npz"], stated)
     (tmp_path / "bytes.vnl").write_bytes(b"\xff\xfe")
-    with pytest.raises(DamagedFile):
+    with pytest.raises(UsageError, match="UTF-8"):
         calibrate(narrow, [tmp_path / "bytes.vnl"], replace(stated, pixel_origin=None))
     np.savez(tmp_path / "seen.npz", **{**arrays, "object_points": points * 1.2})
     with pytest.raises(UsageError, match=r"points 1\.8 mm apart, that of the stage 1\.5 mm"):

@@ -1,0 +1,125 @@
+"""Files of observations: each says what it must, and what is damaged ends in an error that names the file."""
+
+import gzip
+import io
+import random
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hostile.test_damage import damaged
+
+from pipeline.errors import UsageError
+from pipeline.plugins.fits.observations import Stated, read_observations
+
+EVERYTHING = Stated(pixel_origin="0", position="exact", centres="centroid", sigma_px=0.1)
+CSV = """# pixel_origin: 0
+# position: exact
+camera,frame,point_id,x_px,y_px,sigma_px
+Rig.Camera,1,0,100.5,200.25,0.1
+Rig.Camera,1,1,110.5,201.25,0.1
+Rig.Camera,2,0,103.5,199.25,0.2
+"""
+VNL = "# filename x y level\nimages/0001.png 100.5 200.25 0\nimages/0001.png - - -\nimages/0002.png 103.5 199.25 1\n"
+
+
+def libpleno(centres: list[tuple], corners: list[tuple], features: list[tuple]) -> bytes:
+    """The layout of comsee-research/libpleno, pleno/geometry/observation.cpp: packed, little-endian, sizes before."""
+    data = b""
+    for layout, rows in (("<iidd", centres), ("<iiddii", corners), ("<iidddii", features)):
+        data += struct.pack("<Q", len(rows)) + b"".join(struct.pack(layout, *row) for row in rows)
+    return gzip.compress(data)
+
+
+PLENO = libpleno(
+    [(0, 0, 11.5, 12.5), (1, 0, 31.5, 12.5)], [(1, 0, 30.0, 14.0, 5, 2)], [(0, 0, 10.25, 13.0, -1.5, 4, 1)]
+)
+
+
+def arrays() -> bytes:
+    file = io.BytesIO()
+    image = np.array([[[100.5, 200.25], [110.5, 201.25]], [[103.5, 199.25], [np.nan, np.nan]]])
+    np.savez(file, image_points=image, object_points=np.array([[0.0, 0, 0], [3, 0, 0]]))
+    return file.getvalue()
+
+
+FILES = {"a.csv": CSV.encode(), "a.vnl": VNL.encode(), "a.bin.gz": PLENO, "a.npz": arrays()}
+
+
+def read(folder: Path, name: str, content: bytes | str, stated: Stated = EVERYTHING):
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogateescape"))
+    return read_observations(path, stated)
+
+
+def test_observations_of_libpleno_are_read_with_their_centres(tmp_path):
+    found = read(tmp_path, "a.bin.gz", PLENO)
+    assert found.is_centre.tolist() == [False, False, True, True] and found.microlens is None
+    assert found.position.tolist() == ["exact", "exact", "centroid", "centroid"]
+    assert (found.frame[:2].tolist(), found.point_id[:2].tolist()) == ([2, 1], [5, 4])
+    assert found.x_px.tolist() == [[30.0, 14.0], [10.25, 13.0], [11.5, 12.5], [31.5, 12.5]]
+    assert len(read(tmp_path, "a.bin.gz", PLENO, Stated(position="exact", centres="none", sigma_px=0.1))) == 2
+    with pytest.raises(UsageError, match="does not say its centres"):
+        read(tmp_path, "a.bin.gz", PLENO, Stated(position="exact", sigma_px=0.1))
+    with pytest.raises(UsageError, match="--pixel-origin says 1"):
+        read(tmp_path, "a.bin.gz", PLENO, Stated(position="exact", centres="none", sigma_px=0.1, pixel_origin="1"))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.txt", CSV, "is no file of observations"),
+        ("a.csv", "", "the last line is cut off"),
+        ("a.csv", CSV.replace(",", ";"), "has no column x_px"),
+        ("a.csv", CSV.replace("x_px", "x"), "has no column x_px"),
+        ("a.csv", CSV.replace("103.5", "nan"), "no number, or .* above 0: point 0 in frame 2 of Rig.Camera"),
+        ("a.csv", CSV.replace("103.5", ""), "no number, or .* above 0: point 0 in frame 2 of Rig.Camera"),
+        ("a.csv", CSV.replace("103.5", "-inf"), "no number"),
+        ("a.csv", CSV.replace("0.2\n", "inf\n"), "a sigma that is not above 0"),
+        ("a.csv", CSV.replace("0.2\n", "-1\n"), "a sigma that is not above 0"),
+        ("a.csv", CSV.replace("103.5", "far"), "column x_px: could not convert"),
+        ("a.csv", CSV.replace("a,2,0", "a,1e300,0"), "column frame holds something that is no whole number"),
+        ("a.csv", CSV.replace("exact", "corner"), "says position: corner"),
+        ("a.csv", CSV[: CSV.index("Rig")], "holds no position"),
+        ("a.vnl", "", "holds no position"),
+        ("a.vnl", VNL.replace("0001", "one"), "no file name with a number"),
+        ("a.npz", b"", "no arrays of NumPy"),
+        ("a.npz", b"PK\x03\x04", "no arrays of NumPy"),
+        ("a.bin.gz", b"", "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(b""), "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(struct.pack("<Q", 2**63)), "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(struct.pack("<QQQ", 0, 0, 0)), "holds no position"),
+    ],
+)
+def test_a_file_that_is_wrong_says_where(tmp_path, name, content, said):
+    with pytest.raises(UsageError, match=said) as refused:
+        read(tmp_path, name, content)
+    assert str(tmp_path / name) in refused.value.message
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(UsageError, match="there is no file"):
+        read_observations(tmp_path / "folder.csv", EVERYTHING)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_damaged_file_is_read_or_refused_by_name(tmp_path, name):
+    """Text with typing errors, bytes with others in their place or cut off."""
+    refused, dice, whole = 0, random.Random(7), FILES[name]
+    packed = gzip.decompress(whole) if name.endswith(".gz") else whole
+    for seed in range(200):
+        if name.endswith((".csv", ".vnl")):
+            content = damaged(whole.decode(), seed).encode("utf-8", "replace")
+        else:
+            content = bytearray(packed)
+            for _ in range(dice.choice([1, 4, 16])):
+                content[dice.randrange(len(content))] = dice.randrange(256)
+            content = bytes(content[: dice.choice([len(content), dice.randrange(len(content))])])
+            content = gzip.compress(content) if name.endswith(".gz") else content
+        try:
+            found = read(tmp_path, name, content)
+        except UsageError as error:
+            refused += 1
+            assert name in error.message and len(error.message) < 1000, seed
+        else:
+            assert len(found) and np.isfinite(found.x_px).all() and (found.sigma_px > 0).all(), seed
+    assert refused > 20
