@@ -104,11 +104,11 @@ def solve(
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):
         slopes, weight = problem.slopes(by, poses), _weights(residual, asked)
-        reduced, was = _reduced(slopes, residual, weight, asked), np.isfinite(residual[:, 0])
+        reduced, was = _reduced(slopes, residual, weight, asked), _tell(slopes) & np.isfinite(residual[:, 0])
         tell(f"step {step}: chi squared {_cost(residual, was, by, asked):.6g} of {2 * was.sum()} coordinates")
         for _ in range(_TRIES):
             by_step = _step(reduced, by, damping, asked)
-            pose_steps = _pose_steps(slopes, residual, weight, by_step, asked)
+            pose_steps = _pose_steps(slopes, residual, weight, by_step, damping, asked)
             there = _tried(problem, by + by_step, moved(poses, pose_steps[:-1]))
             both = was & np.isfinite(there[:, 0])
             before, after = _cost(residual, both, by, asked), _cost(there, both, by + by_step, asked)
@@ -125,7 +125,7 @@ def solve(
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
         if damping and before - after < _CREEP:
-            ending = "rows hardly tell which way: free less, or give numbers tolerances"
+            ending = "rows hardly tell which way: free less, give tolerances, or leave out boards that face the camera"
             break
         damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0
     if not converged:
@@ -161,8 +161,13 @@ def _cost(residual: np.ndarray, rows: np.ndarray, by: np.ndarray, asked: Asked) 
     return float(size2.sum() + ((by / asked.deviation) ** 2).sum())
 
 
+def _tell(slopes: Slopes) -> np.ndarray:
+    """Rows with derivatives, (n,): others, of a bundle in pieces, take no part in a step."""
+    return np.asarray(np.isfinite(slopes.by_pose).all(axis=(1, 2)) & np.isfinite(slopes.by_number).all(axis=(1, 2)))
+
+
 def _reduced(slopes: Slopes, residual: np.ndarray, weight: np.ndarray, asked: Asked) -> _Reduced:
-    there = (weight > 0) & np.isfinite(slopes.by_pose).all(axis=(1, 2)) & np.isfinite(slopes.by_number).all(axis=(1, 2))
+    there = (weight > 0) & _tell(slopes)
     root = np.where(there, np.sqrt(weight) / asked.sigma_px, 0.0)
     clean = np.where(there[:, None], residual, 0.0)
     full = (root[:, None, None] * np.where(there[:, None, None], slopes.by_number, 0.0)).reshape(2 * len(root), -1)
@@ -196,10 +201,8 @@ def _step(reduced: _Reduced, by: np.ndarray, damping: float, asked: Asked) -> np
         part = _Reduced(reduced.by_number[:, is_free], reduced.residual, [], reduced.full[:, is_free])
         size, left, values, right = _decomposed(part, 1 / asked.deviation[is_free])
         off = np.concatenate([reduced.residual, (by / asked.deviation)[is_free]])
-        is_told = values > 0
-        gain = values[is_told] / (values[is_told] ** 2 + damping * np.max(values, initial=0.0) ** 2)
         step = np.zeros(m)
-        step[is_free] = -(right[is_told].T @ (gain * (left[:, is_told].T @ off))) / size
+        step[is_free] = -(right.T @ (_gain(values, damping) * (left.T @ off))) / size
         beyond = is_free & (np.abs(by + step) > asked.reach)
         at_bound = beyond & (np.abs(by) >= asked.reach)
         if not at_bound.any():
@@ -209,21 +212,29 @@ def _step(reduced: _Reduced, by: np.ndarray, damping: float, asked: Asked) -> np
 
 
 def _pose_steps(
-    slopes: Slopes, residual: np.ndarray, weight: np.ndarray, by_step: np.ndarray, asked: Asked
+    slopes: Slopes, residual: np.ndarray, weight: np.ndarray, by_step: np.ndarray, damping: float, asked: Asked
 ) -> np.ndarray:
     """Steps of poses that fit best to numbers that move by so much, (v + 1, 6), the last one 0: of no board."""
     steps = np.zeros((asked.view.max() + 2, 6))
     if not asked.has_free_poses:
         return steps
     off = residual + slopes.by_number @ by_step
-    is_there = (weight > 0) & np.isfinite(off).all(axis=1) & np.isfinite(slopes.by_pose).all(axis=(1, 2))
+    is_there = (weight > 0) & _tell(slopes)
     for view in range(len(steps) - 1):
         some = np.flatnonzero((asked.view == view) & is_there)
         root = np.sqrt(weight[some]) / asked.sigma_px[some]
         rows = (root[:, None, None] * slopes.by_pose[some]).reshape(-1, 6)
         size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-        steps[view] = -np.linalg.lstsq(rows / size, (root[:, None] * off[some]).ravel(), rcond=OPEN)[0] / size
+        left, values, right = np.linalg.svd(rows / size, full_matrices=False)
+        values = np.where(values > OPEN * np.max(values, initial=0.0), values, 0.0)
+        steps[view] = -(right.T @ (_gain(values, damping) * (left.T @ (root[:, None] * off[some]).ravel()))) / size
     return steps
+
+
+def _gain(values: np.ndarray, damping: float) -> np.ndarray:
+    """Damped inverses of singular values; 0 of what rows do not tell."""
+    squared = values**2 + damping * np.max(values, initial=0.0) ** 2
+    return np.divide(values, squared, out=np.zeros_like(values), where=values > 0)
 
 
 def _solution(
