@@ -79,7 +79,8 @@ def _require_stills(found: Observations, dataset: Dataset, entries: Mapping[str,
         moving = motions.get(frame, {}).get(entries[name].name)
         if moving is not None and (moving.camera is not None or target in moving.targets):
             what = f"{target} moves before {name} while its shutter is open in frame {frame}"
-            raise UsageError(what, hint="a fit takes boards for still: hold them, or leave this frame out")
+            hint = "a fit takes boards for still: hold its pose until the shutter closes, or leave out the shutter"
+            raise UsageError(what, hint=hint)
 
 
 def _named(kind: str, given: np.ndarray, known: tuple[str, ...]) -> np.ndarray:

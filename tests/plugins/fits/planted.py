@@ -66,34 +66,34 @@ def narrow_stage(folder: Path, things: str = "", frames: int = 3) -> Path:
 def seen(stage: FreeStage, by: np.ndarray, sigma_px: float, seed: int | None = None) -> Observations:
     """What the camera sees whose numbers are moved, with noise if there is a seed; all rows to 1e-9 px."""
     dataset, rows = stage.at(by), []
-    (entry,) = dataset.cameras
-    rig = ready(stage.path).rig if not by.any() else ready(entry.camera).rig
-    camera = ReadyCamera(name=entry.name, rig=rig, min_hit_fraction=0.1, accuracy_px=1e-9)
     (target,) = dataset.targets
     points = target.target.points()
-    for frame in dataset.frames:
-        pose = frame.vision_from_target(entry.name, target.name)
-        normals = points.plane_axes[:, :, 2] @ pose[:3, :3].T
-        projected = camera.project(points.position_mm @ pose[:3, :3].T + pose[:3, 3], normals)
-        microlens = np.zeros((len(projected.point), 2), int) if projected.microlens is None else projected.microlens
-        rows += [
-            (frame.number, *row)
-            for row in zip(projected.point, *microlens.T, projected.x_px, projected.y_px, strict=True)
-        ]
-    frames, ids, k, l, x, y = (np.array(column) for column in zip(*rows, strict=True))
+    for entry in (each for camera in dataset.cameras for each in camera.in_channels):
+        rig = ready(entry.camera).rig
+        camera = ReadyCamera(name=entry.full_name, rig=rig, min_hit_fraction=0.1, accuracy_px=1e-9)
+        for frame in dataset.frames_of(entry):
+            pose = frame.vision_from_target(entry.name, target.name)
+            normals = points.plane_axes[:, :, 2] @ pose[:3, :3].T
+            projected = camera.project(points.position_mm @ pose[:3, :3].T + pose[:3, 3], normals)
+            microlens = np.zeros((len(projected.point), 2), int) if projected.microlens is None else projected.microlens
+            rows += [
+                (entry.full_name, frame.number, *row)
+                for row in zip(projected.point, *microlens.T, projected.x_px, projected.y_px, strict=True)
+            ]
+    names, frames, ids, k, l, x, y = (np.array(column) for column in zip(*rows, strict=True))
     x_px = np.stack([x, y], axis=1)
     if seed is not None:
         x_px += np.random.default_rng(seed).normal(scale=sigma_px, size=x_px.shape)
     return Observations.of_points(
         position="exact",
         count=len(ids),
-        camera=np.full(len(ids), entry.full_name),
+        camera=names,
         frame=frames,
         target=np.full(len(ids), target.name),
         point_id=ids,
         x_px=x_px,
         sigma_px=np.full(len(ids), sigma_px),
-        microlens=np.stack([k, l], axis=1) if entry.camera.microlenses else None,
+        microlens=np.stack([k, l], axis=1) if rig.images else None,
     )
 
 
