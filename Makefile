@@ -118,6 +118,8 @@ picture: $(STAMP)
 		$(patsubst %,build/13_design/frames/000%/Rig.Camera,1 2 3) --window 345 250 110 100 --zoom 4
 	$(BIN)/python examples/14_twin/twin.py
 	cp build/14_twin/picture.png examples/14_twin/picture.png
+	$(BIN)/python examples/14_twin/plenoptic.py
+	cp build/14_plenoptic/picture.png examples/14_twin/plenoptic.png
 	$(BIN)/python docs/picture.py docs/micro_images.png \
 		build/02_plenoptic/frames/0002/Rig.Camera --window 330 225 140 84 --zoom 7
 	$(BIN)/python docs/raw_picture.py docs/raw.png build/02_plenoptic/frames/0002/Rig.Camera \

@@ -25,8 +25,8 @@ from pipeline.scene.tolerances import drawn
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"
 COLUMNS, ROWS = 7, 4
-SIGMA_PX = 0.045
-"""Error of corners that leaves a chi squared as it should be."""
+FIRST_PX = 0.1
+"""Sigma of a first fit, whose chi squared tells that of the second."""
 SHOWN, TIMES = 6, 5.0
 """Frame of the picture, and how many times darker and lighter differences are than they are."""
 HALF_WINDOW_PX = 5
@@ -36,20 +36,31 @@ HALF_WINDOW_PX = 5
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "build/14_twin")
     folder.mkdir(parents=True, exist_ok=True)
-    real, fitted = folder / "real.usda", folder / "fitted.usda"
-    text, errors = drawn(STAGE, 1, real)
-    real.write_text(text, encoding="utf-8")
-    built(real, folder / "real")
+    fitted = folder / "fitted.usda"
+    errors = planted(STAGE, folder)
     detect(folder / "real", folder / "corners.csv")
     for old in (fitted, fitted.with_suffix(".json")):
         old.unlink(missing_ok=True)
     stage = FreeStage(STAGE, ["Made"])
-    twin = calibrate(stage, [folder / "corners.csv"], Stated(), tell=print)
+    corners = [folder / "corners.csv"]
+    first = calibrate(stage, corners, Stated(position="exact", sigma_px=FIRST_PX), tell=print)
+    sigma_px = scatter(first, ~first.observations.is_centre)
+    print(f"sigma is {sigma_px:.4f} px")
+    twin = calibrate(stage, corners, Stated(position="saddle", sigma_px=sigma_px), tell=print)
     twin.write(fitted, found_images([str(folder / "images")], stage.nominal, fitted))
     print("\n".join(page(document(twin))))
-    recovered(twin, {error.name: error.error for error in errors})
+    recovered(twin, errors)
     built(fitted, folder / "fitted")
     compare(folder / "real", folder / "fitted")
+
+
+def planted(stage: Path, folder: Path) -> dict[str, float]:
+    """Draw the real camera by the tolerances of a stage, and build its images; its errors, by number."""
+    real = folder / "real.usda"
+    text, errors = drawn(stage, 1, real)
+    real.write_text(text, encoding="utf-8")
+    built(real, folder / "real")
+    return {error.name: error.error for error in errors}
 
 
 def built(stage: Path, out: Path) -> None:
@@ -80,8 +91,13 @@ def detect(out: Path, file: Path) -> None:
         columns["point_id"] += range(len(sharp))
         columns["x_px"] += sharp[:, 0].astype(float).tolist()
         columns["y_px"] += sharp[:, 1].astype(float).tolist()
-    columns["sigma_px"] = [SIGMA_PX] * len(columns["frame"])
-    write_table(file, ["corners of OpenCV's detector", "pixel_origin: 0", "position: saddle"], columns)
+    write_table(file, ["corners of OpenCV's detector", "pixel_origin: 0"], columns)
+
+
+def scatter(twin: Twin, rows: np.ndarray) -> float:
+    """Sigma with which chi squared of some rows would be what is expected."""
+    group = twin.group("", rows)
+    return float(twin.asked.sigma_px[rows][0] * np.sqrt(group.chi2 / group.expected))
 
 
 def recovered(twin: Twin, errors: dict[str, float]) -> None:
