@@ -145,7 +145,7 @@ class Edges(StarRegions):
         half = np.sqrt(np.maximum(squared, 0.0))
         marks = np.clip(np.stack([towards - half, towards + half], axis=1), 0.0, radius[:, None])
         marks = np.column_stack([np.zeros(len(owner)), marks, radius])
-        return marks[:, :-1], np.diff(marks, axis=1)
+        return np.ascontiguousarray(marks[:, :-1]), np.diff(marks, axis=1)  # or the kernel would be compiled once more
 
 
 def edges(

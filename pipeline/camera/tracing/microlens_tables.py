@@ -67,7 +67,7 @@ def camera_arrays(
     """A camera for the kernels, from its surfaces, lattice and outlines."""
     array = camera.microlenses
     rear_mm = float(table[0, VERTEX])
-    sensor_mm = -camera.sensor_distance_mm
+    sensor_mm = -float(camera.sensor_distance_mm)  # for a whole number, kernels would be compiled once more
     sampling_mm = sensor_mm + array.distance_mm if array else rear_mm
     optics = Optics(sensor_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
     rows = np.zeros((len(vertices), column.COLUMNS))
