@@ -3,6 +3,7 @@
 Kernels are compiled once per machine and source: nothing here touches PIPELINE_JIT_CACHE.
 """
 
+import functools
 import os
 from pathlib import Path
 
@@ -11,10 +12,15 @@ from builds import tiny
 from laws import rigs
 
 from pipeline import cli
+from pipeline.camera import tracer
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.tracer import Tracer
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.truth.grid.ray_grid import RayGrid
+
+for name in ("outlines", "grid_outlines"):
+    # Tests share some hundred cameras; a user's process has few, so the package keeps the outlines of few.
+    setattr(tracer, name, functools.cache(getattr(tracer, name).__wrapped__))
 
 
 @pytest.fixture

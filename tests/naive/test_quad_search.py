@@ -21,7 +21,7 @@ def noisy_image(noise: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.nda
     cell = (column > 12).astype(np.int64) + 2 * (row > 15)
     cell[0, :4] = -1
     image[rng.uniform(size=cell.shape) < 0.01] = np.nan
-    return image, cell, rng.uniform(-14, 14, (60, 2))
+    return image, np.ascontiguousarray(cell), rng.uniform(-14, 14, (60, 2))  # as of a build
 
 
 def holds(corners: list[Point], p: Point) -> bool:

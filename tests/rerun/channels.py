@@ -21,7 +21,7 @@ def channel(name: str, wavelengths: tuple[int, int, int]) -> str:
 
 def stage_at(folder: Path, tiny: str, channels: dict[str, tuple[int, int, int]]) -> Path:
     """A tiny dataset of the tests whose camera has channels, in a folder of its own."""
-    text = without_method(tiny_text(tiny))
+    text = without_method(tiny_text(tiny)).replace("plen:image:samples = 64", "plen:image:samples = 16")
     sensor, lens = '        over "Sensor"\n        {\n', '        over "Lens"\n        {\n'
     if lens not in text:
         text = text.replace(sensor, f"{lens}        }}\n\n{sensor}")

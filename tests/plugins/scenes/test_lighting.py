@@ -1,5 +1,6 @@
 """Lamps, meshes and materials as they are read from stages, and what is said about those that cannot be read."""
 
+import functools
 import gc
 import hashlib
 import math
@@ -79,12 +80,15 @@ TEXTURED = SURFACE % (
 )
 
 
+@functools.lru_cache(maxsize=1)
 def loaded(folder, content: str, end: int = 1):
+    """A stage of some content: a test that looks at several places of it reads it once."""
     path = folder / "scene.usda"
     path.write_text(in_the_library(content, board=BESIDE, end=end), encoding="utf-8")
     return load(path)
 
 
+@functools.lru_cache(maxsize=1)
 def lit(folder, content: str, frame: int = 0) -> LitScene:
     """The scene of a stage, before its camera."""
     found = loaded(folder, content, frame + 1)
@@ -247,7 +251,7 @@ def test_a_mesh_of_a_lit_dataset_hides_points_and_one_of_a_dark_one_does_not(tmp
 
 def drawn_with(folder, content: str, **at) -> tuple[float, list]:
     """Light of the wall below the sun over what a white one has, and the warnings about what is not drawn."""
-    warnings = [one for one in loaded(folder, content).problems if one.code == "not-drawn"]
+    warnings = [one for one in loaded(folder, content, 1).problems if one.code == "not-drawn"]
     return wall_light(folder, content, **at) * math.pi / 2, warnings
 
 
