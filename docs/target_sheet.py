@@ -35,7 +35,9 @@ def turned(angle_x_deg: float, angle_y_deg: float) -> np.ndarray:
 
 def picture_of(target: AnyTarget, pose: np.ndarray) -> np.ndarray:
     """A square picture that the target just fills, each pixel the mean of 16 rays through one point, (h, w) in 0..1."""
-    hull = apply(pose, np.concatenate([patch.hull_mm() for patch in target.patches()]))
+    hull = np.concatenate(
+        [apply(pose @ patch.target_from_patch, patch.mesh().reshape(-1, 3)) for patch in target.patches()]
+    )
     middle = (hull.min(axis=0) + hull.max(axis=0)) / 2
     pose = pose.copy()
     pose[:3, 3] = [-middle[0], -middle[1], DISTANCE_MM - middle[2]]
