@@ -123,7 +123,7 @@ def our_race(view: LitView, channels: list[list[int]], samples: int, seeds: int)
                 names = Names(np.repeat(keys, each), np.tile(number * each + np.arange(each), pixels))
                 parts = [slice(i, i + _AT_ONCE) for i in range(0, len(way), _AT_ONCE)]
                 light = [
-                    scene.radiance(np.zeros_like(way[i]), way[i], Names(names.key[i], names.place[i])) for i in parts
+                    scene.radiance(np.zeros_like(way[i]), way[i], Names(names.key[i], names.rank[i])) for i in parts
                 ]
                 image += np.concatenate(light).reshape(pixels, each).mean(axis=1) / len(scenes_of)
             images.append(image.reshape(_HEIGHT_PX, _WIDTH_PX))
