@@ -121,7 +121,7 @@ def bias_of_two_planes_px(scene: Scene, rows: Correspondences) -> np.ndarray:
 
 
 QUICK = (7,)
-NUMBERS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.heavy) for n in range(20)]
+NUMBERS = [pytest.param(n, marks=() if n in QUICK else pytest.mark.heavy) for n in range(12)]
 
 
 @pytest.fixture(params=NUMBERS)
