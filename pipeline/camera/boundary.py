@@ -89,6 +89,20 @@ class Corners(NamedTuple):
     angle: np.ndarray
 
 
+class _Arcs(NamedTuple):
+    """Arcs with a corner: row of the region, directions of both ends [rad], and labels there."""
+
+    owner: np.ndarray
+    left: np.ndarray
+    right: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    def only(self, selected: np.ndarray) -> "_Arcs":
+        """The arcs selected by a mask, or in another order by indices."""
+        return _Arcs(*(values[selected] for values in self))
+
+
 def corners(
     label_at: LabelAt,
     rows: Int64[np.ndarray, "n"],
@@ -102,26 +116,28 @@ def corners(
     of regions ascend; their labels are those in `even_angles(d)`, rotated by `turn` [rad].
     """
     count = label.shape[1]
-    region, direction = np.nonzero(label != np.roll(label, -1, axis=1))
-    before, after = label[region, direction], np.roll(label, -1, axis=1)[region, direction]
-    owner, left = rows[region], even_angles(count)[direction] + (0.0 if turn is None else turn[region])
-    right = left + 2 * np.pi / count
-    for _ in range(steps if len(owner) else 0):
-        middle = (left + right) / 2
-        label_here = label_at(owner, middle)
-        is_left, new = label_here == before, (label_here != before) & (label_here != after)
-        if not new.any():
-            left, right = np.where(is_left, middle, left), np.where(is_left, right, middle)
-            continue
-        parts = (
-            (owner, np.where(is_left, middle, left), np.where(is_left, right, middle), before),
-            (owner[new], middle[new], right[new], label_here[new]),
+    following = np.roll(label, -1, axis=1)
+    region, direction = np.nonzero(label != following)
+    left = even_angles(count)[direction] + (0.0 if turn is None else turn[region])
+    ends = label[region, direction], following[region, direction]
+    arcs = _Arcs(rows[region], left, left + 2 * np.pi / count, *ends)
+    for _ in range(steps if len(region) else 0):
+        # Halve each arc, and keep the half whose ends differ.
+        middle = (arcs.left + arcs.right) / 2
+        at_middle = label_at(arcs.owner, middle)
+        is_before = at_middle == arcs.before
+        is_third = ~is_before & (at_middle != arcs.after)
+        halves = arcs._replace(
+            left=np.where(is_before, middle, arcs.left),
+            right=np.where(is_before, arcs.right, middle),
+            after=np.where(is_third, at_middle, arcs.after),
         )
-        after = np.concatenate([np.where(new, label_here, after), after[new]])
-        owner, left, right, before = (np.concatenate(pair) for pair in zip(*parts, strict=True))
-        order = np.lexsort((left, owner))
-        owner, left, right, before, after = (values[order] for values in (owner, left, right, before, after))
-    return Corners(owner, (left + right) / 2)
+        # Where a third label lies between the ends, the other half holds a corner, too.
+        more = arcs._replace(left=middle, before=at_middle).only(is_third)
+        arcs = _Arcs(*(np.concatenate(pair) for pair in zip(halves, more, strict=True)))
+        if is_third.any():
+            arcs = arcs.only(np.lexsort((arcs.left, arcs.owner)))
+    return Corners(arcs.owner, (arcs.left + arcs.right) / 2)
 
 
 @functools.cache

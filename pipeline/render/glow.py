@@ -164,7 +164,7 @@ class TargetLight:
         self._background = background
         patches = [(patch, pose @ patch.target_from_patch) for target, pose in targets for patch in target.patches()]
         self._lights = [PatchLight(patch, pose) for patch, pose in patches]
-        self._others = [occluder.radiance for occluder, _ in occluders]
+        self._occluder_radiance = [occluder.radiance for occluder, _ in occluders]
         self._flat = [(patch, pose) for patch, pose in patches if patch.kind == PLANE]
         meshes = [light.mesh_in_vision() for light in self._lights]
         occluder_meshes = [in_vision(occluder, pose) for occluder, pose in occluders]
@@ -246,7 +246,7 @@ class TargetLight:
         for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
             patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin, direction, light)
         ends = self._scene.first[len(self._lights) :]
-        for radiance, first, end in zip(self._others, ends, ends[1:], strict=False):
+        for radiance, first, end in zip(self._occluder_radiance, ends, ends[1:], strict=False):
             light[(hit >= first) & (hit < end)] = radiance
 
 

@@ -104,12 +104,13 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
     for ray in bundle(camera, 0.0, left, _INSET_RAYS):
         sheet.line(_turned(camera, ray[-3:], -1), FIELDS[0][1], 0.7)
-    half = float(cell(array)[:, 1].max())
-    vertices = lattice(array)
-    if array.disc_diameter_mm is None and array.layout == "hexagonal":
-        half = array.pitch_mm * math.sqrt(3) / 4
-    elif array.disc_diameter_mm is not None:
+    if array.disc_diameter_mm is not None:
         half = array.disc_diameter_mm / 2
+    elif array.layout == "hexagonal":  # half the distance of rows: cells of neighbouring rows interlock
+        half = array.pitch_mm * math.sqrt(3) / 4
+    else:
+        half = float(cell(array)[:, 1].max())
+    vertices = lattice(array)
     x, y_all = _about_axis(camera, vertices)
     rows = y_all[np.abs(x) <= array.pitch_mm]
     for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
