@@ -11,13 +11,13 @@ from pipeline.app.pages import text
 from pipeline.app.pages.text import Figure, Figures
 from pipeline.camera.bundle import Bundle, bundle_behind
 from pipeline.camera.figures.field_curves import FieldCurves, field_curves
-from pipeline.camera.figures.shapes import matrix, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.camera.focusing.depth_of_field import middle_focus, view_of
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.files.jsonfile import Json
 from pipeline.plugins.report.records import Chart, Line, Optics
+from pipeline.plugins.report.shapes import matrix, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.results import drawing
 from pipeline.results.spots import FARTHEST_MM, RAYS, FieldBundle, drawn, field_bundles, spots
 

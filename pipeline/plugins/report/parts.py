@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pipeline.camera.figures.shapes import matrix
 from pipeline.channel_names import body_and_channel, folder_of
 from pipeline.files.png import png_bytes, png_size, read_png, write_png
 from pipeline.folders import put
@@ -30,6 +29,7 @@ from pipeline.plugins.report.records import (
     TargetPart,
     View,
 )
+from pipeline.plugins.report.shapes import matrix
 from pipeline.records.plain import to_plain
 from pipeline.results.output import Output
 from pipeline.results.records import BuiltCamera, BuiltFolder, BuiltPinhole, BuiltTarget, BuiltView

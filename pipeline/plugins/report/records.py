@@ -8,8 +8,8 @@ from typing import Any
 
 from pipeline.app.pages.text import Figure as Figure  # of `Figures`, for web/src/records.ts
 from pipeline.app.pages.text import Figures
-from pipeline.camera.figures.shapes import Matrix, RayFan, SurfaceShape
 from pipeline.files.jsonfile import Json
+from pipeline.plugins.report.shapes import Matrix, RayFan, SurfaceShape
 from pipeline.results.spots import Numbers, Spot
 
 

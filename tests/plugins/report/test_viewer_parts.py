@@ -6,8 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign_usd import foreign
+from published.library import prescription
 
+from pipeline.camera.focusing.depth_of_field import focused
+from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.files.png import read_png
+from pipeline.plugins.report.shapes import ray_fans
 
 PARTS_VIEWER = """
 import json, sys
@@ -69,3 +73,12 @@ def test_a_viewer_without_our_plug_in_sees_the_lens_its_rays_and_a_board_with_a_
         found["starts"], camera["sensor_distance_mm"] - camera["mla"]["distance_mm"], rtol=1e-6, atol=2e-3
     )
     assert max(found["ends"]) < -100
+
+
+def test_rays_from_beside_a_fisheye_end_behind_its_first_vertex():
+    """The outermost light of 220 degrees comes from behind."""
+    sensor = Sensor(width_px=480, height_px=480, pitch_mm=0.05)
+    camera = Camera(prescription=prescription("fisheye_6mm_nikkor"), sensor=sensor, sensor_distance_mm=49.6)
+    _, *fans = ray_fans(focused(camera))
+    for fan in fans:
+        assert fan.rays and all(path[-1][2] < path[-2][2] < 40.0 for path in fan.rays)

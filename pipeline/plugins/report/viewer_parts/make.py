@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.figures.shapes import SurfaceShape, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply
+from pipeline.plugins.report.shapes import SurfaceShape, ray_fans, sensor_corners_mm, surface_shapes
 from pipeline.plugins.report.viewer_parts.params import PARTS, Parts
 from pipeline.products.cameras import Inputs, focused_camera
 from pipeline.scene.write.parts import Part, PartCopies, PartMesh, PartRays, parts_text
