@@ -8,7 +8,7 @@ import gzip
 import re
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 from zipfile import BadZipFile
@@ -77,14 +77,6 @@ class Observations:
 
     def __len__(self) -> int:
         return len(self.frame)
-
-    def only(self, kept: np.ndarray) -> Self:
-        """Some of the rows."""
-        columns: dict[str, Any] = {}
-        for name in _COLUMNS:
-            column = getattr(self, name)
-            columns[name] = None if column is None else column[kept]
-        return replace(self, **columns)
 
     @classmethod
     def of_points(cls, *, position: str, count: int, target: np.ndarray | None = None, **columns: Any) -> Self:

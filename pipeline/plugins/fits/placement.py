@@ -34,9 +34,11 @@ def placed(observations: Observations, dataset: Dataset) -> Observations:
     """
     entries = {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
     is_point = ~observations.is_centre
-    named = _named("camera", observations.camera, tuple({**dict.fromkeys(map(without_state, entries)), **entries}))
+    names = tuple(dict.fromkeys(map(without_state, entries)))
+    named = _named("camera", observations.camera, names, (*names, *entries))
     target = observations.target.astype(object)
-    target[is_point] = _named("target", target[is_point], tuple(entry.name for entry in dataset.targets))
+    names = tuple(entry.name for entry in dataset.targets)
+    target[is_point] = _named("target", target[is_point], names, names)
     numbers = {frame.number for frame in dataset.frames}
     if missing := sorted(set(observations.frame[is_point].tolist()) - numbers):
         hint = "give it a time code for each image: endTimeCode, or plen:frames"
@@ -83,12 +85,12 @@ def _require_stills(found: Observations, dataset: Dataset, entries: Mapping[str,
             raise UsageError(what, hint=hint)
 
 
-def _named(kind: str, given: np.ndarray, known: tuple[str, ...]) -> np.ndarray:
-    """Names of cameras or targets, the only one where the file names none."""
+def _named(kind: str, given: np.ndarray, known: tuple[str, ...], allowed: tuple[str, ...]) -> np.ndarray:
+    """Names of cameras or targets, of those that are allowed, and the only known one where the file names none."""
     if (given == "").any() and len(known) > 1:
         raise UsageError(f"the dataset has {len(known)} {kind}s, and the file names none", hint=", ".join(known))
     names = np.where(given == "", known[0], given)
-    for name in sorted(set(names.tolist()) - {*known}):
+    for name in sorted(set(names.tolist()) - {*allowed}):
         raise UsageError(f"the dataset has no {kind} {name!r}", hint=did_you_mean(name, known) or ", ".join(known))
     return names
 
@@ -130,7 +132,7 @@ def _require_numbering(
     map_ = np.zeros((3, 2))
     if len(off) >= _FEWEST:
         map_ = np.linalg.lstsq(terms, off, rcond=None)[0]
-    hint = "CONVENTIONS.md, Microlenses: (0, 0) is in the middle, k and l are axial indices; correct the file"
+    hint = "CONVENTIONS.md, Microlens lattice: (0, 0) is in the middle, k and l are axial indices; correct the file"
     if np.abs(map_[1:]).max() > _TURNED:
         raise UsageError(f"micro-images of {name} are numbered otherwise: mirrored, turned or transposed", hint=hint)
     if np.hypot(*map_[0]) > _HALF * pitch_px:

@@ -102,8 +102,7 @@ class Twin:
     @property
     def chi2(self) -> np.ndarray:
         """Chi squared of each row as it counts, (n,); 0 of rows that the stage does not have."""
-        size2 = (self.solution.residual_px**2).sum(axis=1) / self.asked.sigma_px**2
-        return np.where(self.solution.weight > 0, self.solution.weight * size2, 0.0)
+        return self.solution.weight * self._size2
 
     @property
     def missing(self) -> np.ndarray:
