@@ -85,7 +85,7 @@ CASES = {
     ),
     "slivers": (slivers, 400.0, 2.0),
     # At the edge of the image: rims turn J back, so that two positions see a point; J moves otherwise than chief rays.
-    "folded": (lambda: plenoptic(gauss(3.0, _DIM), **_GLASS), 430.0, 1.5),
+    "folded": (lambda: plenoptic(gauss(3.0, _DIM), **_GLASS), 430.0, 2.0),
     "slit": (
         lambda: plenoptic(gauss(5.0, _SLIT), (6.0, -7.0), distance_mm=1.0, sensor_tilt_deg=(3.6, 4.7)),
         300.0,
