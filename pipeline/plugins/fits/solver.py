@@ -25,7 +25,7 @@ SETTLED = 1e-3
 """Change of all rows together by the last step, in sigma [1]: no number then moves by more than that part of its
 deviation, and the next step would move it by far less."""
 _CREEP = 0.1
-"""Decrease of chi squared by a damped step that is none [1]: a tenth of what one row of noise adds."""
+"""Decrease of chi squared that is none, by a step that was damped more [1]: a tenth of what a row of noise adds."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
@@ -106,6 +106,7 @@ def solve(
         slopes, weight = problem.slopes(by, poses), _weights(residual, asked)
         reduced, was = _reduced(slopes, residual, weight, asked), _tell(slopes) & np.isfinite(residual[:, 0])
         tell(f"step {step}: chi squared {_cost(residual, was, by, asked):.6g} of {2 * was.sum()} coordinates")
+        first_damping = damping
         for _ in range(_TRIES):
             by_step = _step(reduced, by, damping, asked)
             pose_steps = _pose_steps(slopes, residual, weight, by_step, damping, asked)
@@ -124,7 +125,7 @@ def solve(
         if damping == 0 and way < SETTLED:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
-        if damping and before - after < _CREEP:
+        if damping > first_damping and before - after < _CREEP:  # less did not do, and this leads nowhere
             ending = "rows hardly tell which way: free less, give tolerances, or leave out boards that face the camera"
             break
         damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0

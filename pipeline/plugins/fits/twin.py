@@ -277,6 +277,9 @@ def calibrate(
         by, poses = solution.by, solution.poses
         if is_exact:
             break
+    else:
+        ending = "the positions that the detector looks for did not settle"
+        solution = replace(solution, converged=False, ending=ending)
     return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
 
 

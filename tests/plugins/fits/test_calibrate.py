@@ -29,7 +29,8 @@ from pipeline.errors import UsageError
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
 from pipeline.plugins.fits.placement import placed
-from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points_of
+from pipeline.plugins.fits.predicted_rows import Predictor, Slopes, Views, moved, points_of
+from pipeline.plugins.fits.solver import Asked, solve
 from pipeline.plugins.fits.twin import calibrate
 from pipeline.scene.load import load, open_dataset
 
@@ -82,7 +83,32 @@ def open_radius(layer: Path, folder: Path) -> float:
     return float(open_dataset(layer, [folder]).cameras[0].camera.prescription.surfaces[2].radius_mm)
 
 
-def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path, narrow, exact):
+class Bent:
+    """Four rows that are the arctangent of a shift of their board: from 3 on, whole steps go further and further."""
+
+    def __len__(self) -> int:
+        return 4
+
+    def residual(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        return np.tile([np.arctan(poses[0, 0, 3]), 0.0], (4, 1))
+
+    def slopes(self, by: np.ndarray, poses: np.ndarray) -> Slopes:
+        by_pose = np.zeros((4, 2, 6))
+        by_pose[:, 0, 3] = 1 / (1 + poses[0, 0, 3] ** 2)
+        return Slopes(by_number=np.zeros((4, 2, 0)), by_pose=by_pose)
+
+
+def test_a_damped_step_moves_poses_less_too():
+    poses = np.eye(4)[None].copy()
+    poses[0, 0, 3] = 3.0
+    none = np.zeros(0)
+    view = np.zeros(4, int)
+    asked = Asked(sigma_px=np.ones(4), view=view, deviation=none, reach=none, has_free_poses=True, loss_scale=None)
+    solution = solve(Bent(), asked, none, poses)
+    assert solution.converged and abs(solution.poses[0, 0, 3]) < 1e-3
+
+
+def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path, narrow, exact, monkeypatch):
     """Chief rays, here 0.08 px off: of the planted camera they have no residual, as those of J they would."""
     stage, off = FreeStage(narrow.path, [RADIUS, "Rig/Sensor.plen:offset"]), np.array([0.02, 0.01, -0.02])
     stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)
@@ -99,6 +125,8 @@ def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path,
     twin = calibrate(stage, [file], Stated())
     assert twin.solution.converged and np.abs(twin.solution.residual_px).max() < 1e-6
     np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
+    monkeypatch.setattr("pipeline.plugins.fits.twin._TURNS", 1)
+    assert "did not settle" in calibrate(stage, [file], Stated()).doubts[0]
 
 
 def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, exact):
