@@ -22,7 +22,7 @@ from kept import keep
 
 import pipeline
 from pipeline.app.build import compile_once
-from pipeline.engine.planning.graph import TASKS, TaskGraph
+from pipeline.engine.planning.graph import TaskGraph
 from pipeline.engine.planning.plan import Specs
 from pipeline.engine.running.execute import perform
 from pipeline.engine.store.store import Store
@@ -100,7 +100,7 @@ def durations(graph: TaskGraph, store: Store) -> dict[str, float]:
     for name in graph:
         spec = specs.of(graph[name], records)
         start = time.process_time()
-        (reply,) = perform([spec], store, TASKS)
+        (reply,) = perform([spec], store, graph.packages)
         seconds[name] = time.process_time() - start
         if reply.state == "failed":
             raise SystemExit(f"{name}: {reply.error}")
