@@ -102,9 +102,9 @@ def scatter(twin: Twin, rows: np.ndarray) -> float:
 
 def recovered(twin: Twin, errors: dict[str, float]) -> None:
     """Print what was planted beside what was found."""
-    print(f"\n{'number':44} {'drawn':>10} {'found':>10} {'deviation':>10}")
+    print(f"\n{'number':46} {'drawn':>10} {'found':>10} {'deviation':>10}")
     for number, by, deviation in zip(twin.stage.numbers, twin.solution.by, twin.solution.deviation, strict=True):
-        print(f"{number.name[-44:]:44} {errors[number.name]:10.4g} {by:10.4g} {deviation:10.3g}")
+        print(f"{number.name[-46:]:46} {errors[number.name]:10.4g} {by:10.4g} {deviation:10.3g}")
 
 
 def compare(real: Path, fitted: Path) -> None:
