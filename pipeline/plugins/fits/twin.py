@@ -249,6 +249,7 @@ def calibrate(
         frames = {frame.number: frame for frame in stage.nominal.frames}
         poses = np.array([frames[frame].world_from_target[target] for frame, target in views.keys]).reshape(-1, 4, 4)
     else:
+        _require_poses_once(stage)
         poses = first_poses(predictor, stage.nominal)
     numbers = stage.numbers
     asked = Asked(
@@ -281,6 +282,16 @@ def calibrate(
         ending = "the positions that the detector looks for did not settle"
         solution = replace(solution, converged=False, ending=ending)
     return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
+
+
+def _require_poses_once(stage: FreeStage) -> None:
+    """UsageError: a number is part of the pose of a board, which is free in each frame anyway."""
+    boards = {entry.prim_path for entry in stage.nominal.targets}
+    for number in stage.numbers:
+        attribute, _ = number.places[0]
+        if str(attribute.GetPrim().GetPath()) in boards and attribute.GetName().startswith("xformOp:"):
+            what = f"{number.name} is part of the pose of a board, and these are free in each frame"
+            raise UsageError(what, hint="leave it out, or say --poses known")
 
 
 def document(twin: Twin) -> Json:

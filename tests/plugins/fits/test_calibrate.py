@@ -370,9 +370,11 @@ def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(t
         (["pixel_origin: 0", "position: exact"], ["--pixel-origin", "0.5"], "--pixel-origin says 0.5"),
         (["pixel_origin: 2", "position: exact"], [], "says pixel_origin: 2"),
         (["pixel_origin: 0", "position: exact"], ["--free", "Rig/Lens/S3.plen:radios"], "did you mean"),
+        (["pixel_origin: 0", "position: exact"], ["--free", "Board.plen:rows"], "no-derivative"),
+        (["pixel_origin: 0", "position: exact"], ["--free", "Board.xformOp:translate"], "or say --poses known"),
     ],
 )
-def test_half_a_pixel_is_never_guessed(run, tmp_path, narrow, exact, remarks, options, said):
+def test_what_a_command_leaves_open_is_never_guessed(run, tmp_path, narrow, exact, remarks, options, said):
     file = table(exact, tmp_path / "seen.csv", remarks)
     code, output, log = run("calibrate", narrow.path, file, "-o", "fitted.usda", *options)
     assert (code, output) == (2, "") and said in log and not (tmp_path / "fitted.usda").exists()
