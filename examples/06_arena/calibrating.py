@@ -9,10 +9,11 @@ import numpy as np
 from conditions import CONDITIONS
 from contestants.exchange import write_pgm
 from environments import Contestant, place_of, run, run_all
-from judge import coverage, covered, error_field, inside_ellipse, matched, pupil_errors
+from judge import ErrorField, coverage, covered, error_field, inside_ellipse, matched, pupil_errors
 from rows import Rows, joined
 from scenes import BOARD, BOARD_COLUMNS, BOARD_ROWS, Boards, boards, built, exposed, view_of
 
+from pipeline.plugins.fits.free_numbers import FreeStage
 from stages import HERE
 
 Results = dict[str, Any]
@@ -42,13 +43,16 @@ def write_cases(folder: Path, noisy: int, detector: tuple[Contestant, Path] | No
     for old in cases.glob("*.npz"):
         old.unlink()
     stages = {"f8": "calibration", "f2.8": "calibration_open", "tilted": "calibration_tilted"}
+    known = stages | {"tilted": "calibration"}  # nobody knows of a tilt
     seen = {name: boards(HERE / f"{stage}.usda", FITTED_MM, DISTANCES_MM) for name, stage in stages.items()}
 
     def write(name: str, camera: str, first: Rows, second: Rows) -> None:
         views = whole_views(first)
         pairs = whole_views(second, views)
         case = seen[camera].case(first.only(np.isin(first.view, views)), second.only(np.isin(second.view, pairs)))
-        np.savez(cases / f"{name}.npz", **case)
+        drawings = cases / f"{name}.usda"
+        write_drawings(HERE / f"{known[camera]}.usda", drawings, name)
+        np.savez(cases / f"{name}.npz", **case, drawings=np.array(str(drawings)))
         cameras[name] = seen[camera]
 
     f8 = seen["f8"]
@@ -63,6 +67,13 @@ def write_cases(folder: Path, noisy: int, detector: tuple[Contestant, Path] | No
     if detector:
         write("detected", "f8", detected(f8, folder, *detector), f8.second)
     return cameras
+
+
+def write_drawings(stage: Path, place: Path, name: str) -> None:
+    """Write the stage as its owner has it, off by its tolerances; each case has errors of its own."""
+    truth, random = FreeStage(stage, ["Made"]), np.random.default_rng([6, *f"drawings{name}".encode()])
+    by = random.normal(size=len(truth.numbers)) * [number.deviation for number in truth.numbers]
+    place.write_text(truth.layer(place, by, {}, f"Drawings for case {name} of the arena."), encoding="utf-8")
 
 
 def detected(exact: Boards, folder: Path, detector: Contestant, python: Path) -> Rows:
@@ -115,7 +126,7 @@ def judge(truth: Boards, case: Path, answer: Path) -> Results:
         return {"failed": text.read_text(encoding="utf-8").strip()[:200] if text.exists() else "no answer"}
     given, found = np.load(case.with_suffix(".npz")), np.load(answer.with_suffix(".npz"))
     where = covered(truth.exact.query_px, given["image_px"])
-    field = error_field(truth.exact, found["slopes"], where)
+    field = _field(truth, found, where)
     result: Results = {
         "rms_px": field.rms_px(where).tolist(),
         "largest_px": float(np.nanmax(field.length_px[:, where])),
@@ -132,12 +143,29 @@ def judge(truth: Boards, case: Path, answer: Path) -> Results:
     return result
 
 
+def _field(truth: Boards, found: Any, where: np.ndarray) -> ErrorField:
+    return error_field(truth.exact, found["slopes"], where, found["offsets_mm"] if "offsets_mm" in found.files else 0.0)
+
+
 def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> Results | None:
     """Stated uncertainty against the errors that repeats with noise really have."""
     paths = [answers / f"noise_{number:02d}.npz" for number in range(noisy)]
     if not (answers / "exact.npz").exists() or not all(path.exists() for path in paths) or noisy < 2:
         return None
     exact, found = np.load(answers / "exact.npz"), [np.load(path) for path in paths]
+    if "names" in exact.files:  # numbers whose truth is known, each time from other drawings
+        names = exact["names"].tolist()
+        stage = FreeStage(HERE / "calibration.usda", ["Made"])
+        true = {number.name: number.before for number in stage.numbers}
+        off, sigmas = (np.array([one[key] for one in found]) for key in ("values", "sigmas"))
+        off = off - [true[name] for name in names]
+        rms = np.sqrt([(sigmas**2).mean(axis=0), (off**2).mean(axis=0)])
+        return {
+            "of": "its numbers",
+            "inside_of_truth": float(np.mean(np.abs(off) < sigmas)),
+            "stated_over_real": float(np.median(rms[0] / rms[1])),
+            "numbers": dict(zip(names, rms.T.tolist(), strict=True)),
+        }
     if "sigmas" in exact.files:
         values, sigmas = (np.array([one[name] for one in found]) for name in ("values", "sigmas"))
         share, ratio = coverage(values, sigmas, exact["values"])
@@ -145,8 +173,8 @@ def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> Results | N
     if "stated_px2" not in exact.files:
         return None
     where = covered(truth.exact.query_px, np.load(case.with_suffix(".npz"))["image_px"])
-    errors = [error_field(truth.exact, one["slopes"], where).error_px[STATED_AT] for one in found]
-    mean = error_field(truth.exact, exact["slopes"], where).error_px[STATED_AT]
+    errors = [_field(truth, one, where).error_px[STATED_AT] for one in found]
+    mean = _field(truth, exact, where).error_px[STATED_AT]
     stated = np.array([one["stated_px2"].reshape(*where.shape, 2, 2) for one in found])[:, where]
     noise, real = (np.array([error - less for error in errors])[:, where] for less in (mean, 0.0))
     ratio = np.sqrt(np.median(np.trace(stated, axis1=-2, axis2=-1))) / np.sqrt(

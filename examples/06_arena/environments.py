@@ -65,7 +65,7 @@ def interpreter(contestant: Contestant, folder: Path) -> Path:
     """Python in which a contestant runs."""
     if contestant.system is None:
         return installed(contestant.packages, folder)
-    python, needs = Path(contestant.system["python"]), contestant.system["needs"]
+    python, needs = Path(contestant.system["python"] or sys.executable), contestant.system["needs"]
     try:
         called([python, "-c", "import numpy" if shutil.which(needs) else f"import numpy, {needs}"])
     except Failed as error:

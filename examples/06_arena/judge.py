@@ -113,21 +113,25 @@ def covered(query_px: np.ndarray, seen_px: np.ndarray) -> np.ndarray:
     return Delaunay(seen_px).find_simplex(query_px) >= 0
 
 
-def error_field(exact: ExactRays, slopes: np.ndarray, where: np.ndarray) -> ErrorField:
-    """Error field of a central model with rays (x, y, 1), (rows * columns, 2), in a frame of its own.
+def error_field(
+    exact: ExactRays, slopes: np.ndarray, where: np.ndarray, offsets_mm: np.ndarray | float = 0.0
+) -> ErrorField:
+    """Error field of a model with rays (x, y, 1), (rows * columns, 2), in a frame of its own; they cross its plane
+    z = 0 at offsets, (rows * columns, 2), or, of a central model, at 0.
 
     The frame is free: the model is moved and turned so that it fits best at the positions `where` (rows, columns), on
     the planes where it was calibrated. Errors are small, so that the model's slopes are taken as linear over them.
     """
-    slope = slopes.reshape(exact.query_px.shape)
+    slope, offset = (np.broadcast_to(each, slopes.shape).reshape(exact.query_px.shape) for each in (slopes, offsets_mm))
     step = exact.query_px[1, 1] - exact.query_px[0, 0]
-    per_px = np.stack([np.gradient(slope, axis=1) / step[0], np.gradient(slope, axis=0) / step[1]], axis=-1)
-    to_px = np.linalg.inv(per_px)
 
     def errors(motion: np.ndarray, planes_mm: tuple[float, ...]) -> np.ndarray:
         points = np.stack([exact.points(z) for z in planes_mm])
         seen = (points - motion[3:]) @ Rotation.from_rotvec(motion[:3]).as_matrix().T
-        return np.einsum("hwij,dhwj->dhwi", to_px, seen[..., :2] / seen[..., 2:] - slope)
+        at_plane = slope + offset / np.reshape(planes_mm, (-1, 1, 1, 1))  # how a point of a plane is seen from z = 0
+        per_px = [np.gradient(at_plane, axis=axis) / step[2 - axis] for axis in (2, 1)]
+        off = seen[..., :2] / seen[..., 2:] - slope - offset / seen[..., 2:]
+        return np.einsum("dhwij,dhwj->dhwi", np.linalg.inv(np.stack(per_px, axis=-1)), off)
 
     lit = np.isfinite(exact.origin_mm[..., 0]) & np.isfinite(slope[..., 0]) & where
     found = least_squares(

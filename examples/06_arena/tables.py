@@ -103,7 +103,7 @@ def conventional(results: Results) -> list[Table]:
         for title, cell in cells.items():
             rows = [[who, *(_cell(cell, one[cases].get(name)) for name in names)] for who, one in results[kind].items()]
             made.append((title, [kind[:-1], *names], rows))
-    return [*made, _own(results), _honesty(results), missing(results)]
+    return [*made, _own(results), _honesty(results), _numbers(results), missing(results)]
 
 
 def _cell(cell: Cell, judged: Results | None) -> str:
@@ -150,6 +150,16 @@ def _honesty(results: Results) -> Table:
         rows.append([who, of, f"{ratio:.2f}" if ratio == ratio else NOTHING, *shares])
     head = ["who states it", "of what", "stated / real sigma", "noise within 1 sigma", "error within 1 sigma"]
     return "Honesty: 68 % is what one sigma promises", head, rows
+
+
+def _numbers(results: Results) -> Table:
+    """Numbers of a lens that calibrations find: deviations that they state, and errors that they have."""
+    rows = []
+    for who, one in results["calibrators"].items():
+        for name, pair in ((one.get("honesty") or {}).get("numbers", {})).items():
+            rows.append([who, name.removeprefix("/Calibration/Rig/"), *(f"{value:.3g}" for value in pair)])
+    head = ["calibrator", "number", "stated sigma", "rms error"]
+    return "Numbers of the lens over the repeats with noise [mm or degrees]", head, rows
 
 
 def plenoptic(results: Results) -> list[Table]:

@@ -4,6 +4,7 @@ import itertools
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +117,24 @@ def test_the_exact_camera_has_no_error_in_whatever_frame():
     np.testing.assert_allclose(unturned.centre_mm, CENTRE_MM, rtol=0, atol=1e-8)
     assert np.abs(turned.error_px).max() < 1e-6  # the solver ends at a relative change of 1e-8
     np.testing.assert_allclose(turned.centre_mm, CENTRE_MM, rtol=0, atol=1e-5)
+
+
+def test_rays_that_meet_in_no_centre_are_judged_by_where_they_run():
+    """A camera whose rays pass half a millimetre beside each other has no error, turned and moved; without the offsets
+    of its rays it is a pinhole, and off by them.
+    """
+    central, random = pinhole(bend=-0.1), np.random.default_rng(7)
+    exact = replace(central, origin_mm=central.origin_mm + random.normal(scale=0.5, size=(13, 17, 3)) * (1, 1, 0))
+    turn = Rotation.from_rotvec([0.05, -0.03, 0.2]).as_matrix()
+    origin, direction = ((each.reshape(-1, 3) @ turn.T) for each in (exact.origin_mm - CENTRE_MM, exact.direction))
+    offsets = origin[:, :2] - slopes(direction) * origin[:, 2:]
+    true = judge.error_field(exact, slopes(direction), EVERYWHERE, offsets)
+    without = judge.error_field(exact, slopes(direction), EVERYWHERE)
+
+    assert np.abs(true.error_px).max() < 1e-6
+    np.testing.assert_allclose(true.centre_mm, CENTRE_MM, rtol=0, atol=1e-5)
+    # Of both axes half a millimetre, at 291 mm from the centre, in units of the principal distance:
+    assert without.rms_px(EVERYWHERE)[0] == pytest.approx(0.5 * np.sqrt(2) / 291 * F_PX, rel=0.2)
 
 
 def test_a_wrong_principal_distance_is_an_error_of_the_known_size():
