@@ -212,8 +212,12 @@ def _csv(path: Path, stated: Stated) -> Observations:
     said = _settled(path, stated, table.comments, "pixel_origin", kind)
     x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
     has_microlens, count = _has(table, *_MICROLENS), len(x_px)
+    camera = _texts(table, "camera", stated.camera, count)
+    if stated.camera and (further := {*camera.tolist()} - {stated.camera}):
+        what = f"{path} has positions of {min(further) or 'no camera'}, and --camera says {stated.camera}"
+        raise UsageError(what, hint="leave --camera out: the table names its cameras")
     columns = {
-        "camera": _texts(table, "camera", stated.camera, count),
+        "camera": camera,
         "x_px": x_px,
         "sigma_px": _column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated, count),
         "microlens": np.stack([_whole(path, table, name) for name in _MICROLENS], axis=1) if has_microlens else None,

@@ -101,6 +101,11 @@ def test_a_file_that_is_wrong_says_where(tmp_path, name, content, said):
         read_observations(tmp_path / "folder.csv", EVERYTHING)
 
 
+def test_a_camera_that_a_table_names_is_not_replaced_in_silence(tmp_path):
+    with pytest.raises(UsageError, match=r"has positions of Rig\.Camera, and --camera says Other"):
+        read(tmp_path, "a.csv", CSV, Stated(position="exact", pixel_origin="0", camera="Other"))
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_damaged_file_is_read_or_refused_by_name(tmp_path, name):
     """Text with typing errors, bytes with others in their place or cut off."""
