@@ -95,7 +95,8 @@ def test_an_opaque_function_is_compiled_when_it_first_runs(monkeypatch):
 
 
 def test_a_changed_callee_is_compiled_again_by_the_next_process(tmp_path):
-    """The kernel that calls it by its address did not change."""
+    """The kernel that calls it by its address did not change. Sizes of the texts differ: Python takes byte code of the
+    same second and size for that of the other text."""
     package = shutil.copytree(ROOT / "pipeline", tmp_path / "pipeline", ignore=shutil.ignore_patterns("__pycache__"))
     (package / "driver.py").write_text(
         "from pipeline.callee import put\nfrom pipeline.jit.decorators import kernel\n\n\n"
@@ -113,7 +114,7 @@ def test_a_changed_callee_is_compiled_again_by_the_next_process(tmp_path):
         assert path.startswith(str(tmp_path))
         return float(number)
 
-    assert [driven(number) for number in (1.0, 2.0)] == [1.0, 2.0]
+    assert [driven(number) for number in (1.0, 22.0)] == [1.0, 22.0]
 
 
 def test_a_folder_for_kernels_is_private_and_stays(folder):
