@@ -3,6 +3,10 @@
 Of each view, the columns of its pose are projected away by their orthogonal complement, so that what is left of all
 rows tells about the free numbers alone. Directions of these follow from a singular value decomposition: one that
 neither rows nor priors tell is left where it is. Robust loss is a weight of each row, found again at every step.
+
+Where such a step does not make the misfit smaller, poses for the moved numbers are sought anew from the rays of the
+camera (variable projection): the tilt of a board that faces the camera may change its sign then, which no straight
+step lets it.
 """
 
 from collections.abc import Callable
@@ -18,12 +22,12 @@ OPEN = 1e-6
 """Singular value over the largest, of numbers in units of what one row tells of them, below which a direction is open
 [1]: derivatives are right to that."""
 _STEPS, _TRIES = 40, 12
-"""Most steps, and most attempts at one with more damping each."""
+"""Most steps, and most amounts of damping of one, each with poses that step and with poses that are sought anew."""
 _FIRST_DAMPING, _LESS, _MORE = 1e-4, 0.1, 10.0
 """Damping of a step after one that went astray, over the largest singular value squared [1], and its changes."""
 SETTLED = 1e-3
-"""Change of all rows together by the last step, in sigma [1]: no number then moves by more than that part of its
-deviation, and the next step would move it by far less."""
+"""Change of all rows together by the last step, in sigma, or in what the misfit says that sigma is [1]: no number then
+moves by more than that part of its deviation, and the next step would move it by far less."""
 _CREEP = 0.1
 """Decrease of chi squared that is none, by a step that was damped more [1]: a tenth of what a row of noise adds."""
 _SLACK = 1e-7
@@ -33,11 +37,16 @@ _LEAST_ROWS = 0.5
 
 
 class Problem(Protocol):
-    """Rows at numbers and poses, and their slopes there; PipelineError where there is no such camera."""
+    """Rows at numbers and poses, and their slopes there; PipelineError where there is no such camera.
+
+    `posed`: poses for numbers, sought from rays; those that are given where no pose fits.
+    """
 
     def residual(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray: ...
 
     def slopes(self, by: np.ndarray, poses: np.ndarray) -> Slopes: ...
+
+    def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray: ...
 
     def __len__(self) -> int: ...
 
@@ -107,22 +116,26 @@ def solve(
         reduced, was = _reduced(slopes, residual, weight, asked), _tell(slopes) & np.isfinite(residual[:, 0])
         tell(f"step {step}: chi squared {_cost(residual, was, by, asked):.6g} of {2 * was.sum()} coordinates")
         first_damping = damping
-        for _ in range(_TRIES):
+        for trial in range(2 * _TRIES):
             by_step = _step(reduced, by, damping, asked)
             pose_steps = _pose_steps(slopes, residual, weight, by_step, damping, asked)
-            there = _tried(problem, by + by_step, moved(poses, pose_steps[:-1]))
+            is_straight = trial % 2 == 0 or not asked.has_free_poses
+            posed = moved(poses, pose_steps[:-1]) if is_straight else problem.posed(by + by_step, poses)
+            there = _tried(problem, by + by_step, posed)
             both = was & np.isfinite(there[:, 0])
             before, after = _cost(residual, both, by, asked), _cost(there, both, by + by_step, asked)
-            if both.sum() >= _LEAST_ROWS * was.sum() and after <= before + _SLACK * (before + len(both)):
+            allowed = before + (_SLACK * (before + len(both)) if is_straight else -_CREEP)
+            if both.sum() >= _LEAST_ROWS * was.sum() and after <= allowed:
                 break
-            damping = max(_MORE * damping, _FIRST_DAMPING)
+            if not (is_straight and asked.has_free_poses):
+                damping = max(_MORE * damping, _FIRST_DAMPING)
         else:
             ending = "no step made the misfit smaller"
             break
         change = slopes.by_number @ by_step + np.einsum("nij,nj->ni", slopes.by_pose, pose_steps[asked.view])
         way = np.linalg.norm((change / asked.sigma_px[:, None])[both])
-        by, poses, residual = by + by_step, moved(poses, pose_steps[:-1]), there
-        if damping == 0 and way < SETTLED:
+        by, poses, residual = by + by_step, posed, there
+        if damping == 0 and is_straight and way < SETTLED * np.sqrt(max(1.0, before / (2 * both.sum()))):
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
         if damping > first_damping and before - after < _CREEP:  # less did not do, and this leads nowhere

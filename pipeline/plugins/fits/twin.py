@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.app.stages import require_free, sound, write_new
-from pipeline.errors import UsageError
+from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import json_bytes
 from pipeline.formats import EXACT
 from pipeline.plugins.fits.first_poses import first_poses
@@ -61,6 +61,13 @@ class _Rows:
     def residual(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have."""
         return self._predicted(by, poses).x_px - self._observed_px
+
+    def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Poses that fit best to the rays of the camera there; those given where none do."""
+        try:
+            return first_poses(self._predictor, self._stage.at(by))
+        except PipelineError:
+            return poses
 
     def slopes(self, by: np.ndarray, poses: np.ndarray) -> Slopes:
         """Derivatives there."""

@@ -97,15 +97,29 @@ class Bent:
         by_pose[:, 0, 3] = 1 / (1 + poses[0, 0, 3] ** 2)
         return Slopes(by_number=np.zeros((4, 2, 0)), by_pose=by_pose)
 
+    def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        return poses
 
-def test_a_damped_step_moves_poses_less_too():
+
+class Sought(Bent):
+    """Rays tell nearly where the board is."""
+
+    def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        return shifted(0.1)
+
+
+def shifted(by_mm: float) -> np.ndarray:
     poses = np.eye(4)[None].copy()
-    poses[0, 0, 3] = 3.0
-    none = np.zeros(0)
-    view = np.zeros(4, int)
+    poses[0, 0, 3] = by_mm
+    return poses
+
+
+@pytest.mark.parametrize(("problem", "most_steps"), [(Bent(), 8), (Sought(), 4)])
+def test_where_a_step_goes_astray_poses_are_sought_anew_or_it_is_shortened(problem, most_steps):
+    none, view = np.zeros(0), np.zeros(4, int)
     asked = Asked(sigma_px=np.ones(4), view=view, deviation=none, reach=none, has_free_poses=True, loss_scale=None)
-    solution = solve(Bent(), asked, none, poses)
-    assert solution.converged and abs(solution.poses[0, 0, 3]) < 1e-3
+    solution = solve(problem, asked, none, shifted(3.0))
+    assert solution.converged and abs(solution.poses[0, 0, 3]) < 1e-3 and solution.steps <= most_steps
 
 
 def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path, narrow, exact, monkeypatch):
@@ -248,7 +262,8 @@ def test_a_centre_of_another_microlens_is_refused(tmp_path, mistake, said):
 def test_centres_that_count_from_another_pixel_than_corners_are_named(tmp_path):
     stage = FreeStage(TINY_PLENOPTIC, WHITE)
     white = centres(stage, 0 * OFF_WHITE, "chief", 0.01)
-    twin = fitted(stage, seen(stage, 0 * OFF_WHITE, 0.01), tmp_path, replace(white, x_px=white.x_px + 0.5))
+    shifted = replace(white, x_px=white.x_px + 0.5)
+    twin = fitted(stage, seen(stage, 0 * OFF_WHITE, 0.01), tmp_path, shifted, known_poses=True)
     assert any("centres that are (" in doubt and "pixel origin" in doubt for doubt in twin.doubts)
 
 
