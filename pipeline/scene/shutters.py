@@ -2,11 +2,12 @@
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from pxr import Usd, UsdGeom, UsdSkel
 
-from pipeline.motion import Motion, Shutter
+from pipeline.motion import NODES, Motion, Shutter
 from pipeline.scene.dataset import Motions
 from pipeline.scene.usd.curves import bends, extent
 from pipeline.scene.usd.meshes import is_animated
@@ -37,6 +38,8 @@ _VELOCITIES = ("velocities", "angularVelocities")
 """Attributes by which a point instancer says that its instances move."""
 _STILL = 1e-9
 """Change of an entry of a pose [1, mm] that holds: between equal samples USD rounds to 1e-13."""
+_MOST_TURN_DEG = 45.0
+"""Turn from one Chebyshev node of a piece to the next [degree]: nearly a whole turn a piece, which is right to 1e-7."""
 _RIGID = 1e-9
 """Largest entry of R^T R - 1 of a rotation [1]: rounding leaves 1e-15."""
 
@@ -135,6 +138,18 @@ def _motion(
     """The motion by poses at time codes while the shutter is open; None if the pose holds."""
     if not (moved := [each for prim in prims for each in moved_ops(prim)]):
         return None
+    edges, codes = _nodes(camera, shutter, moved, number)
+    poses = poses_at([float(number), *(code for piece in codes for code in piece)]) + 0.0
+    if np.abs(poses - poses[0]).max() < _STILL:
+        return None
+    pieces = poses[1:].reshape(len(codes), -1, 4, 4).tolist()
+    return Motion(edges_s=tuple(edges.tolist()), poses=tuple(pieces))
+
+
+def _nodes(
+    camera: Usd.Prim, shutter: Shutter, moved: Sequence[Usd.Attribute], number: int
+) -> tuple[np.ndarray, list[list[Any]]]:
+    """Edges [s] of the pieces of a motion in a frame, and time codes of the poses of each."""
     codes_per_s, window_s = codes_per_second(camera), _window_s(camera, shutter)
     first, last = (number + time * codes_per_s for time in window_s)
     bent_s = {(time - number) / codes_per_s: time for time in bends(moved, first, last)}
@@ -143,11 +158,7 @@ def _motion(
     for piece, start, end in zip(codes, edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         # A pose may jump at a bend: a piece ends before it, and the next one begins after.
         piece[0], piece[-1] = bent_s.get(start, piece[0]), Usd.TimeCode.PreTime(bent_s.get(end, piece[-1]))
-    poses = poses_at([float(number), *(code for piece in codes for code in piece)]) + 0.0
-    if np.abs(poses - poses[0]).max() < _STILL:
-        return None
-    pieces = poses[1:].reshape(len(codes), -1, 4, 4).tolist()
-    return Motion(edges_s=tuple(edges.tolist()), poses=tuple(pieces))
+    return edges, codes
 
 
 def _window_s(camera: Usd.Prim, shutter: Shutter) -> tuple[float, float]:
@@ -191,7 +202,7 @@ def check_motions(
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
-            if not moved_ops(prim):
+            if not (moved := moved_ops(prim)):
                 continue
             with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
                 turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
@@ -200,6 +211,10 @@ def check_motions(
                 message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
                 yield problem(prim, "not-rigid", message, hint=hint)
+            elif fast := [n for n in numbers if _turns_fast(prim, _nodes(camera, shutter, moved, n)[1], unit_mm)]:
+                message = f"<{prim.GetPath()}> turns too fast for the shutter in {frames_in_words(fast)}"
+                hint = f"by less than {_MOST_TURN_DEG:g} degrees from one of {NODES} instants to the next is followed"
+                yield problem(prim, "turns-too-fast", message, hint=hint)
         # Animated from the opening of the shutter to its end?
         opens, ends = np.array(numbers) + shutter.opens_s * codes_per_s, np.array(numbers) + end_s * codes_per_s
         for link in dict.fromkeys(link for prim in (camera, *boards, *things) for link in ancestry(prim)):
@@ -218,6 +233,15 @@ def check_motions(
                 f"what <{prim.GetPath()}> moves is placed at time codes of frames alone, and a shutter is open longer"
             )
             yield not_drawn(prim, message, hint="prims that move by their own xformOps move meanwhile")
+
+
+def _turns_fast(prim: Usd.Prim, codes: Sequence[Sequence[Any]], unit_mm: float) -> bool:
+    """Whether a prim turns further between two instants at which its pose is read than interpolation can follow."""
+    with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
+        turns = np.array(world_from(prim, [code for piece in codes for code in piece], unit_mm))[:, :3, :3]
+        turns = turns.reshape(len(codes), -1, 3, 3)
+        cosine = (np.einsum("pnij,pnij->pn", turns[:, 1:], turns[:, :-1]) - 1) / 2
+    return bool((cosine < np.cos(np.radians(_MOST_TURN_DEG))).any())
 
 
 def _is_placed_at_frames(prim: Usd.Prim) -> bool:

@@ -116,6 +116,19 @@ def test_matrices_that_bend_between_samples_are_an_error(tmp_path):
     assert "translate and orient" in error.hint
 
 
+@pytest.mark.parametrize(("turn_deg", "is_followed"), [(700, True), (-5000, False), (6.5e7, False)])
+def test_a_turn_that_is_not_followed_between_instants_is_refused(tmp_path, turn_deg, is_followed):
+    """In 10 ms of a frame of 42 ms 700 degrees are less than half a turn, 5,000 more than three."""
+    turning = (
+        "double3 xformOp:translate.timeSamples = {",
+        f"double xformOp:rotateZ.timeSamples = {{ 1: 0, 3: {2 * turn_deg} }}\n"
+        "        double3 xformOp:translate.timeSamples = {",
+    )
+    order = ('["xformOp:translate", "xformOp:orient"]', '["xformOp:translate", "xformOp:rotateZ"]')
+    refused = [one for one in problems(tmp_path, OPEN, turning, order) if one.code == "turns-too-fast"]
+    assert bool(refused) != is_followed
+
+
 @pytest.mark.parametrize(("more", "is_said"), [("", True), ("\n3: (0, 0, -434.4),", False)])
 def test_what_flies_from_pose_to_pose_while_a_shutter_is_open_is_said_with_its_speed(tmp_path, more, is_said):
     """A board that turns in no frame and is 9.6 mm aside in the second one, 24 frames a second: 2.304 mm in 10 ms."""
