@@ -28,8 +28,8 @@ _CONVENTIONAL = """Every image and every number below comes from one simulated c
 0.001 px: a retrofocus lens of 28 mm, traced surface by surface. Detectors see rendered images with the noise of a
 sensor. Calibrators see the same boards; they are judged over the whole image at four distances, not by the
 residuals on their own points. Green marks the smallest number of a column. The twin is this project's own lens, fitted
-from drawings that are off: from exact corners its truth is among its models, which is no merit. Where a detector errs
-alike in all boards, it takes that for a tilt and a shift of the sensor, and states deviations of noise."""
+from drawings that are off: from exact corners its truth is among its models, which is no merit. Elsewhere it gains what
+its owner knows of his lens, which the others are not told; its deviations are those of noise."""
 _CASES = {
     "exact": "exact positions J at f/8: what is left is the model's",
     "noise": "Gaussian noise of 0.1 px; root mean square over the repeats",
