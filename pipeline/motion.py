@@ -80,7 +80,7 @@ class Shutter:
         return np.array(self.window_s(size_px)) + np.array([0.5, -0.5]) * self.exposure_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Motion:
     """A rigid motion, by poses a_from_b at the Chebyshev nodes of pieces; it may have a kink at each of `edges_s`."""
 
@@ -97,7 +97,12 @@ class Motion:
     def at(self, times_s: Float64[np.ndarray, "n"]) -> np.ndarray:
         """Poses at these times, (n, 4, 4); before and after the motion, those at its ends."""
         piece, share = node_shares(np.array(self.edges_s), NODES, times_s)
-        return np.einsum("nk,nkij->nij", share, np.array(self.poses)[piece])
+        return np.einsum("nk,nkij->nij", share, self._poses[piece])
+
+    @functools.cached_property
+    def _poses(self) -> np.ndarray:
+        """Poses of all pieces, (m - 1, nodes, 4, 4): a row asks for them at each of its instants."""
+        return np.array(self.poses)
 
     @staticmethod
     def times_s(edges_s: Float64[np.ndarray, "m"]) -> np.ndarray:
