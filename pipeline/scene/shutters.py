@@ -25,7 +25,7 @@ from pipeline.scene.usd.poses import (
 )
 from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
 from pipeline.scene.usd.readers import take
-from pipeline.scene.usd.values import need, read, target
+from pipeline.scene.usd.values import UnreadableValue, need, read, target
 from pipeline.spelling import frames_in_words
 
 _ORDER, _OPENS = "plen:shutter:scanOrder", "plen:shutter:opens"
@@ -202,7 +202,7 @@ def check_motions(
         (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
-            if not (moved := moved_ops(prim)):
+            if not moved_ops(prim):
                 continue
             with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
                 turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
@@ -211,7 +211,7 @@ def check_motions(
                 message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
                 yield problem(prim, "not-rigid", message, hint=hint)
-            elif fast := [n for n in numbers if _turns_fast(prim, _nodes(camera, shutter, moved, n)[1], unit_mm)]:
+            elif fast := [n for n in numbers if _turns_fast(prim, camera, shutter, n, unit_mm)]:
                 message = f"<{prim.GetPath()}> turns too fast for the shutter in {frames_in_words(fast)}"
                 hint = f"by less than {_MOST_TURN_DEG:g} degrees from one of {NODES} instants to the next is followed"
                 yield problem(prim, "turns-too-fast", message, hint=hint)
@@ -235,8 +235,12 @@ def check_motions(
             yield not_drawn(prim, message, hint="prims that move by their own xformOps move meanwhile")
 
 
-def _turns_fast(prim: Usd.Prim, codes: Sequence[Sequence[Any]], unit_mm: float) -> bool:
+def _turns_fast(prim: Usd.Prim, camera: Usd.Prim, shutter: Shutter, number: int, unit_mm: float) -> bool:
     """Whether a prim turns further between two instants at which its pose is read than interpolation can follow."""
+    try:
+        _, codes = _nodes(camera, shutter, moved_ops(prim), number)
+    except UnreadableValue:  # told where the motion is read
+        return False
     with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
         turns = np.array(world_from(prim, [code for piece in codes for code in piece], unit_mm))[:, :3, :3]
         turns = turns.reshape(len(codes), -1, 3, 3)
