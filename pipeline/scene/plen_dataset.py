@@ -272,7 +272,7 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _unheard(attribute: Usd.Attribute) -> str | None:
-    """What is drawn instead, in words, of a draw mode or of a colour space that is not supported."""
+    """Words for the substitute of a draw mode or of a colour space that is not supported; None of one that is."""
     is_name, is_colour = attribute.GetName() == "colorSpace:name", attribute.GetRoleName() == "Color"
     space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
     if space and space not in _SPACES:

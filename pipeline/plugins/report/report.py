@@ -24,7 +24,7 @@ Pictures = Callable[[int], "Mapping[str, np.ndarray]"]
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What another plug-in tells of a camera: see `Report.tell`."""
+    """Lines, a drawing and pictures that another plug-in tells of a camera: see `Report.tell`."""
 
     lines: tuple[str, ...]
     drawing: str
