@@ -102,6 +102,7 @@ export function whenSeen(element: Element, run: () => void | Promise<void>): voi
 export async function fillAll(): Promise<void> {
   for (const run of [...waiting]) run();
   await Promise.allSettled([...running]);
+  for (let i = 0; i < 3; i++) await new Promise(requestAnimationFrame); // charts are drawn in the frame after that in which their size is seen
 }
 
 /** A button that stays pressed. */
