@@ -136,10 +136,8 @@ def device_name() -> str:
         compiler = f"numba {version('numba')}"
     if is_simulated():
         return f"cuda simulator, {compiler}"
-    with faults_of_devices():
-        major, minor = package.gpus[
-            0
-        ].compute_capability  # without a context, which would take memory for a whole build
+    with faults_of_devices():  # without a context, which would take memory for a whole build
+        major, minor = package.gpus[0].compute_capability
     return f"cuda sm_{major}{minor}, {compiler}"
 
 
