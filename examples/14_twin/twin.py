@@ -97,7 +97,7 @@ def detect(out: Path, file: Path) -> None:
 def scatter(twin: Twin, rows: np.ndarray) -> float:
     """Sigma with which chi squared of some rows would be what is expected."""
     group = twin.group("", rows)
-    return float(twin.asked.sigma_px[rows][0] * np.sqrt(group.chi2 / group.expected))
+    return float(twin.observations.sigma_px[rows][0] * np.sqrt(group.chi2 / group.expected))
 
 
 def recovered(twin: Twin, errors: dict[str, float]) -> None:

@@ -11,13 +11,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from pipeline.camera.figures.equivalent_pinhole import paraxial_pinhole
-from pipeline.camera.rig import Rig
 from pipeline.errors import UsageError
 from pipeline.frames import apply, inverse, rigid
-from pipeline.plugins.fits.predicted_rows import Predictor, points_of, rig_of
+from pipeline.plugins.fits.observations import Observations
+from pipeline.plugins.fits.predicted_rows import Views, entries_of, points_of, rig_of, vision_from_world
 from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
-from pipeline.scene.dataset import CameraEntry, Dataset
+from pipeline.scene.dataset import Dataset
 
 _LEAST_POINTS = 4
 """Fewest points of a board from which a pose follows."""
@@ -30,76 +30,70 @@ _RAYS_PX = 1e-3
 """Accuracy of rays [px]: of first poses more is not asked."""
 
 
-def first_poses(predictor: Predictor, dataset: Dataset) -> np.ndarray:
-    """Poses of all boards, (v, 4, 4) world_from_target [mm].
+def first_poses(found: Observations, views: Views, dataset: Dataset) -> np.ndarray:
+    """Poses of all boards, (v, 4, 4) world_from_target [mm], each by the camera that sees most points of it.
 
     UsageError: too few points of a board are seen, its ids run mirrored, or no pose fits.
     """
-    found, views = predictor.observations, predictor.views
-    poses, points = np.empty((len(views.keys), 4, 4)), points_of(dataset)
-    entries = {each.full_name: each for camera in dataset.cameras for each in camera.in_channels}
-    frames = {frame.number: frame for frame in dataset.frames}
+    poses, points, entries = np.empty((len(views.keys), 4, 4)), points_of(dataset), entries_of(dataset)
     for view, (frame, target) in enumerate(views.keys):
-        rows = np.flatnonzero(views.of_rows == view)
-        names, counts = np.unique(found.camera[rows], return_counts=True)
-        entry = entries[str(names[counts.argmax()])]
-        rows = rows[found.camera[rows] == entry.full_name]
-        where = f"{target} in frame {frame} of {entry.full_name}"
-        of = points[target]
+        in_view, of = views.of_rows == view, points[target]
+        seen_by = {name: np.flatnonzero(in_view & (found.camera == name)) for name in np.unique(found.camera[in_view])}
+        entry = entries[max(seen_by, key=lambda name: len(np.unique(found.point_id[seen_by[name]])))]
+        rows = seen_by[entry.full_name]
         board, ids = of.position_mm[found.point_id[rows]], found.point_id[rows]
-        if len(np.unique(ids)) < _LEAST_POINTS:
-            raise UsageError(f"{where} has {len(np.unique(ids))} points", hint=f"a pose needs {_LEAST_POINTS}")
+        where = f"{target} in frame {frame} of {entry.full_name}"
+        if (count := len(np.unique(ids))) < _LEAST_POINTS:
+            hint = f"a pose needs {_LEAST_POINTS}: leave out the frame"
+            raise found.error_at(rows[0], f"{where} has {count} point{'s' * (count > 1)}", hint)
         rig = rig_of(dataset, entry)
-        rays = _rays(rig, entry, found.x_px[rows])
+        camera = ReadyCamera(name=entry.full_name, rig=rig, min_hit_fraction=0.0, accuracy_px=_RAYS_PX)
+        rays = camera.rays(*found.x_px[rows].T)
         if rays.microlens is not None and found.microlens is not None:
             rays.direction[(rays.microlens != found.microlens[rows]).any(axis=1)] = np.nan  # those of a neighbour
-        pose, off_px = _pose(rig, rays, board, ids)
+        pose, off_px = _pose(camera, rays, board, ids)
         extent_px = float(np.ptp(found.x_px[rows], axis=0).max())
         if np.sqrt(np.mean(off_px**2)) > _ASTRAY * extent_px:
-            _, mirrored_px = _pose(rig, rays, board * (-1.0, 1.0, 1.0), ids)
+            _, mirrored_px = _pose(camera, rays, board * (-1.0, 1.0, 1.0), ids)
             if np.sqrt(np.mean(mirrored_px**2)) < _ASTRAY * extent_px:
-                raise _mirrored(where)
-            raise _astray(where, ids, off_px)
+                raise found.error_at(rows[0], *_mirrored(where))
+            raise found.error_at(rows[0], *_astray(where, ids, off_px))
         facing = np.einsum("ni,ni->n", of.plane_axes[ids, :, 2] @ pose[:3, :3].T, -apply(pose, board))
         if (facing < 0).mean() > 0.5:
-            raise _mirrored(where)
-        poses[view] = inverse(np.array(frames[frame].camera_from_world[entry.name])) @ pose
+            raise found.error_at(rows[0], *_mirrored(where))
+        poses[view] = inverse(vision_from_world(dataset, entry)[frame]) @ pose
     return poses
 
 
-def _mirrored(where: str) -> UsageError:
+def _mirrored(where: str) -> tuple[str, str]:
+    """Error and remedy of a board that would show its back."""
     hint = "CONVENTIONS.md, Targets: ids run from the top left as the viewer sees it"
-    return UsageError(f"{where} would show its back: its ids run mirrored", hint=hint)
+    return f"{where} would show its back: its ids run mirrored", hint
 
 
-def _astray(where: str, ids: np.ndarray, off_px: np.ndarray) -> UsageError:
-    """The error about a pose that does not fit, with the points that do not, if the others do."""
+def _astray(where: str, ids: np.ndarray, off_px: np.ndarray) -> tuple[str, str]:
+    """Error and remedy of a pose that does not fit, with the points that do not, if the others do."""
     middle_px = float(np.median(off_px))
     far = np.unique(ids[off_px > _FAR * middle_px])
     what = f"no pose of {where} fits: points are {middle_px:.2g} px off"
     if 0 < len(far) < len(ids) / 4:
         named = ", ".join(map(str, far[:6].tolist()))
         what = f"{what}, but {named} up to {off_px.max():.2g} px"
-    return UsageError(what, hint="are ids those of the board, row by row from its top left, and all of one frame?")
+    return what, "are ids those of the board, row by row from its top left, and all of one frame?"
 
 
-def _rays(rig: Rig, entry: CameraEntry, x_px: np.ndarray) -> PixelRays:
-    camera = ReadyCamera(name=entry.full_name, rig=rig, min_hit_fraction=0.0, accuracy_px=_RAYS_PX)
-    return camera.rays(*x_px.T)
-
-
-def _pose(rig: Rig, rays: PixelRays, board: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _pose(camera: ReadyCamera, rays: PixelRays, board: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The pose vision_from_target whose points (n, 3) are nearest to the rays, and how far off each is, (n,) [px]; 0
     where there is no ray.
     """
-    f_px, *_, centre_z_mm = paraxial_pinhole(rig.tracer.camera).tolist()
+    f_px, *_, centre_z_mm = paraxial_pinhole(camera.camera).tolist()
     centre = np.array([0.0, 0.0, centre_z_mm])
     lit = np.isfinite(rays.direction).all(axis=1) & (rays.direction[:, 2] > 0)
     origin, way, board, ids = rays.origin_mm[lit] - centre, rays.direction[lit], board[lit], ids[lit]
     each, first, number = np.unique(ids, return_index=True, return_inverse=True)
     if len(each) < _LEAST_POINTS:
         raise UsageError("no light reaches the positions of a board", hint="are they in pixels of this sensor?")
-    far_mm = ReadyCamera(name="", rig=rig, min_hit_fraction=0.0, accuracy_px=_RAYS_PX).planes_mm[1] - centre_z_mm
+    far_mm = camera.planes_mm[1] - centre_z_mm
     there = origin + (far_mm - origin[:, 2:]) / way[:, 2:] * way
     slopes = np.stack([np.bincount(number, there[:, axis]) / np.bincount(number) for axis in (0, 1)], axis=1) / far_mm
     points = board[first]

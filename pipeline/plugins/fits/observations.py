@@ -60,46 +60,34 @@ class Observations:
     top-left pixel.
 
     `target` is empty where a file names none. `position`: one of `POSITIONS`, or for a centre of `CENTRES`.
-    `microlens`: k and l, or None where positions say which one it is. `board_mm`: points of the board by id, as the
-    program had them.
+    `microlens`: k and l, or None where positions say which one it is. `file`, `line`: of the row, for errors; line 0 of
+    a file without lines. `board_mm`: points of the board by id, as the program had them.
     """
 
+    x_px: np.ndarray  # (n, 2)
+    sigma_px: np.ndarray
+    position: np.ndarray
     camera: np.ndarray
     frame: np.ndarray
     target: np.ndarray
     point_id: np.ndarray
-    x_px: np.ndarray  # (n, 2)
-    sigma_px: np.ndarray
-    position: np.ndarray
     is_centre: np.ndarray
+    file: np.ndarray
+    line: np.ndarray
     microlens: np.ndarray | None = None
     board_mm: np.ndarray | None = None
 
     def __len__(self) -> int:
-        return len(self.frame)
+        return len(self.x_px)
 
     @classmethod
-    def of_points(cls, *, position: str, count: int, target: np.ndarray | None = None, **columns: Any) -> Self:
-        """Positions of points, all of one kind."""
-        return cls(
-            target=np.full(count, "") if target is None else target,
-            position=np.full(count, position),
-            is_centre=np.zeros(count, bool),
-            **columns,
-        )
-
-    @classmethod
-    def of_centres(cls, *, position: str, count: int, **columns: Any) -> Self:
-        """Centres of micro-images, all of one kind."""
-        nowhere = np.full(count, _NO_POINT)
-        return cls(
-            frame=nowhere,
-            target=np.full(count, ""),
-            point_id=nowhere,
-            position=np.full(count, position),
-            is_centre=np.ones(count, bool),
-            **columns,
-        )
+    def of(cls, x_px: np.ndarray, *, microlens: Any = None, board_mm: Any = None, **columns: Any) -> Self:
+        """Observations at positions (n, 2); a column is (n,), or one value for all. Without points they are centres."""
+        is_centre = "point_id" not in columns
+        nowhere = {"frame": _NO_POINT, "point_id": _NO_POINT, "target": "", "file": "", "line": 0}
+        every = {"is_centre": is_centre, **nowhere, **columns}
+        broadcast = {name: np.broadcast_to(value, len(x_px)) for name, value in every.items()}
+        return cls(x_px=x_px, microlens=microlens, board_mm=board_mm, **broadcast)
 
     @property
     def kinds(self) -> str:
@@ -116,18 +104,20 @@ class Observations:
             return f"the centre of a micro-image at ({self.x_px[row, 0]:g}, {self.x_px[row, 1]:g}) px of {camera}"
         return f"the centre of micro-image {tuple(self.microlens[row].tolist())} of {camera}"
 
+    def error_at(self, row: int, message: str, hint: str | None = None) -> UsageError:
+        """The error about a row, with the file and the line that it comes from."""
+        place = f"{self.file[row]}:{self.line[row]}" if self.line[row] else f"{self.file[row]}"
+        return UsageError(f"{place}: {message}", hint=hint)
 
-_COLUMNS = tuple(each.name for each in fields(Observations) if each.name != "board_mm")
 
-
-def joined(parts: Sequence[Observations], where: str) -> Observations:
-    """Observations of several files; UsageError: two of them have the same."""
+def joined(parts: Sequence[Observations]) -> Observations:
+    """Observations of several files, all with microlenses or none; UsageError: two of them have the same."""
     columns: dict[str, Any] = {}
-    for name in _COLUMNS:
+    for name in (each.name for each in fields(Observations) if each.name != "board_mm"):
         of_parts = [getattr(part, name) for part in parts]
         columns[name] = None if of_parts[0] is None else np.concatenate(of_parts)
     found = Observations(**columns)
-    _once(found, where)
+    _require_once(found)
     return found
 
 
@@ -136,6 +126,8 @@ def read_observations(path: Path, stated: Stated) -> Observations:
 
     Raises UsageError: it is of no kind that is read, is damaged, or does not say what has to be said.
     """
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder", hint="name the file of observations in it")
     reader = next((read for suffix, read in _READERS.items() if path.name.endswith(suffix)), None)
     if reader is None:
         hint = f"files that are read end in {', '.join(_READERS)}"
@@ -148,31 +140,41 @@ def read_observations(path: Path, stated: Stated) -> Observations:
         raise UsageError(error.message, hint="correct it; docs/how_to/calibrate.md has the layout") from error
     if not len(found):
         raise UsageError(f"{path} holds no position")
-    wrong = np.flatnonzero(~(np.isfinite(found.x_px).all(axis=1) & (found.sigma_px > 0) & np.isfinite(found.sigma_px)))
-    if len(wrong):
-        what = f"{path} has a position that is no number, or a sigma that is not above 0: {found.name(wrong[0])}"
-        raise UsageError(what, hint="leave out what was not seen")
-    _once(found, str(path))
+    for what, of, is_right in (
+        ("position", "is no number", np.isfinite(found.x_px).all(axis=1)),
+        ("sigma", "is not above 0", (found.sigma_px > 0) & np.isfinite(found.sigma_px)),
+    ):
+        if not is_right.all():
+            row = int(is_right.argmin())
+            raise found.error_at(row, f"the {what} of {found.name(row)} {of}", hint="leave out what was not seen")
+    _require_once(found)
     return found
 
 
-def _once(found: Observations, where: str) -> None:
+def _require_once(found: Observations) -> None:
     """UsageError: a point is twice in an image, or all positions of an image are those of another."""
-    microlens = np.zeros((len(found), 2), int) if found.microlens is None else found.microlens
-    seen, images = dict[tuple, int](), dict[tuple, dict]()
-    for row, (camera, frame, *rest) in enumerate(
-        zip(found.camera, found.frame, found.target, found.point_id, *microlens.T, strict=True)
-    ):
-        place = (*found.x_px[row],) if found.microlens is None else ()
-        if seen.setdefault((camera, frame, *rest, *place), row) != row:
-            raise UsageError(f"{where} has {found.name(row)} twice", hint="leave one of them out")
-        images.setdefault((camera, frame), {})[(*rest, *found.x_px[row])] = None
-    first: dict[tuple, tuple] = {}
-    for (camera, frame), content in images.items():
-        other = first.setdefault((camera, *sorted(content)), (camera, frame))
-        if other != (camera, frame):
-            what = f"{where} has the positions of frame {other[1]} again as frame {frame}"
-            raise UsageError(what, hint="no two images are alike to the last digit: give each frame its own")
+    behind = found.x_px.T if found.microlens is None else found.microlens.T
+    image, point = numbered(found.camera, found.frame), (found.target, found.point_id, *behind)
+    _, first = np.unique(numbered(image, *point), return_index=True)
+    if len(again := np.setdiff1d(np.arange(len(found)), first)):
+        raise found.error_at(again[0], f"{found.name(again[0])} is there twice", "leave one of them out")
+    content = numbered(found.camera, *point, *found.x_px.T)
+    order = np.lexsort((content, image))
+    alike = dict[bytes, int]()
+    for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
+        if (other := alike.setdefault(content[rows].tobytes(), rows[0])) != rows[0]:
+            message = f"frame {found.frame[rows[0]]} has the positions of frame {found.frame[other]} again"
+            hint = "no two images are alike to the last digit: give each frame its own"
+            raise found.error_at(rows[0], message, hint)
+
+
+def numbered(*columns: np.ndarray) -> np.ndarray:
+    """A number for each row, the same where all columns hold the same."""
+    number = np.zeros(len(columns[0]), np.int64)
+    for column in columns:
+        _, code = np.unique(column, return_inverse=True)
+        _, number = np.unique(number * (code.max(initial=0) + 1) + code, return_inverse=True)
+    return number
 
 
 def _settled(path: Path, stated: Stated, comments: tuple[str, ...], *names: str) -> dict[str, str]:
@@ -194,11 +196,11 @@ def _settled(path: Path, stated: Stated, comments: tuple[str, ...], *names: str)
     return said
 
 
-def _sigma(path: Path, stated: Stated, count: int) -> np.ndarray:
+def _sigma(path: Path, stated: Stated) -> float:
     if stated.sigma_px is None:
         hint = "say --sigma PX: how far the detector may be off along x and y, one sigma"
         raise UsageError(f"{path} does not say how good its positions are", hint=hint)
-    return np.full(count, stated.sigma_px)
+    return stated.sigma_px
 
 
 def _csv(path: Path, stated: Stated) -> Observations:
@@ -210,50 +212,60 @@ def _csv(path: Path, stated: Stated) -> Observations:
     if missing := [name for name in wanted if name not in table.columns]:
         raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}, between commas")
     said = _settled(path, stated, table.comments, "pixel_origin", kind)
-    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
-    has_microlens, count = _has(table, *_MICROLENS), len(x_px)
-    camera = _texts(table, "camera", stated.camera, count)
-    if stated.camera and (further := {*camera.tolist()} - {stated.camera}):
+    camera = table.columns.get("camera", [stated.camera or ""])
+    if stated.camera and (further := {*camera} - {stated.camera}):
         what = f"{path} has positions of {min(further) or 'no camera'}, and --camera says {stated.camera}"
         raise UsageError(what, hint="leave --camera out: the table names its cameras")
-    columns = {
-        "camera": camera,
-        "x_px": x_px,
-        "sigma_px": _column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated, count),
-        "microlens": np.stack([_whole(path, table, name) for name in _MICROLENS], axis=1) if has_microlens else None,
-    }
-    if is_of_centres:
-        return Observations.of_centres(position=said[kind], count=count, **columns)
-    columns |= {name: _whole(path, table, name) for name in ("frame", "point_id")}
-    target = _texts(table, "target", None, count)
-    return Observations.of_points(position=said[kind], count=count, target=target, **columns)
+    columns: dict[str, Any] = {} if is_of_centres else {name: _whole(path, table, name) for name in wanted[:2]}
+    if not is_of_centres and "target" in table.columns:
+        columns["target"] = table.columns["target"]
+    if _has(table, *_MICROLENS):
+        columns["microlens"] = np.stack([_whole(path, table, name) for name in _MICROLENS], axis=1)
+    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
+    return Observations.of(
+        x_px,
+        position=said[kind],
+        camera=camera,
+        sigma_px=_column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated),
+        file=path,
+        line=_line(table, np.arange(len(x_px))),
+        **columns,
+    )
 
 
 def _has(table: Table, *names: str) -> bool:
     return all(any(table.columns.get(name, ())) for name in names)
 
 
-def _texts(table: Table, name: str, instead: str | None, count: int) -> np.ndarray:
-    return np.array(table.columns.get(name) or [instead or ""] * count, dtype=str)
+def _line(table: Table, row: Any) -> Any:
+    """Lines of rows: those before are comments and the header."""
+    return len(table.comments) + 2 + row
 
 
 def _column(path: Path, table: Table, name: str) -> np.ndarray:
-    try:
-        return table.numbers(name)
-    except ValueError as error:
-        raise DamagedFile(path, f"column {name}: {error}") from None
+    cells = table.columns[name]
+    values = np.empty(len(cells))
+    for row, cell in enumerate(cells):
+        try:
+            values[row] = float(cell or "nan")
+        except ValueError:
+            raise DamagedFile(path, f"{name} is {cell!r}, no number", line=_line(table, row)) from None
+    return values
 
 
 def _whole(path: Path, table: Table, name: str) -> np.ndarray:
     values = _column(path, table, name)
-    if not (values == np.round(values)).all() or not (np.abs(values) < _LARGEST).all():
-        raise DamagedFile(path, f"column {name} holds something that is no whole number")
+    is_whole = (values == np.round(values)) & (np.abs(values) < _LARGEST)
+    if not is_whole.all():
+        row = int(is_whole.argmin())
+        cell = table.columns[name][row]
+        raise DamagedFile(path, f"{name} is {cell!r}, no whole number", line=_line(table, row))
     return values.astype(np.int64)
 
 
 def _npz(path: Path, stated: Stated) -> Observations:
-    """OpenCV: `image_points` (f, n, 2), NaN of what is not seen, `object_points` (n, 3) or (f, n, 3); if they are
-    there, `ids` (n,), `frames` (f,), and the words `pixel_origin` and `position`.
+    """OpenCV: `image_points` (f, n, 2) of frames from 1, NaN of what is not seen, `object_points` (n, 3) or
+    (f, n, 3), and, if they are there, the words `pixel_origin` and `position`.
     """
     try:
         with np.load(path) as data:
@@ -272,22 +284,18 @@ def _npz(path: Path, stated: Stated) -> Observations:
     except (ValueError, TypeError):
         shapes = ", ".join(f"{name} {arrays[name].shape}" for name in ("image_points", "object_points"))
         raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint="(f, n, 2) and (n, 3)") from None
-    ids = np.asarray(arrays.get("ids", np.arange(count)), int).ravel()
-    frames = np.asarray(arrays.get("frames", np.arange(1, len(image) + 1)), int).ravel()
-    if len(ids) != count or len(frames) != len(image) or not (board == board[:1]).all():
-        raise UsageError(f"{path} has arrays of different lengths, or several boards")
-    frame, point = np.nonzero(np.isfinite(image).all(axis=2))
-    points = np.full((ids.max() + 1, 3), np.nan)
-    points[ids] = board[0]
-    return Observations.of_points(
+    if not (board == board[:1]).all():
+        raise UsageError(f"{path} has several boards", hint="give each a file of its own")
+    frame, point = np.nonzero(~np.isnan(image).any(axis=2))
+    return Observations.of(
+        image[frame, point] - ORIGINS[said["pixel_origin"]],
         position=said["position"],
-        count=len(frame),
-        camera=np.full(len(frame), stated.camera or ""),
-        frame=frames[frame],
-        point_id=ids[point],
-        x_px=image[frame, point] - ORIGINS[said["pixel_origin"]],
-        sigma_px=_sigma(path, stated, len(frame)),
-        board_mm=points,
+        camera=stated.camera or "",
+        frame=frame + 1,
+        point_id=point,
+        sigma_px=_sigma(path, stated),
+        file=path,
+        board_mm=board[0],
     )
 
 
@@ -297,7 +305,7 @@ def _vnl(path: Path, stated: Stated) -> Observations:
     The frame is the last number in the name of the image, and sigma grows by two with each level, as mrcal weighs it.
     """
     said = _settled(path, stated, _FROM_ZERO, "pixel_origin", "position")
-    rows, count = list[tuple[str, int, int, float, float, float]](), dict[str, int]()
+    rows, count = list[tuple[int, str, int, int, float, float, float]](), dict[str, int]()
     try:
         text = path.read_bytes().decode()
     except UnicodeDecodeError as error:
@@ -319,16 +327,17 @@ def _vnl(path: Path, stated: Stated) -> Observations:
             raise DamagedFile(path, f"no number in {line!r}", line=number) from None
         parts = Path(name).parts
         camera = stated.camera or (parts[-2] if len(parts) > 1 and "." in parts[-2] else "")
-        rows.append((camera, int(digits[-1]), point, x, y, 2.0**level))
-    cameras, frames, points, xs, ys, scale = zip(*rows, strict=True) if rows else [()] * 6
-    return Observations.of_points(
+        rows.append((number, camera, int(digits[-1]), point, x, y, 2.0**level))
+    lines, cameras, frames, points, xs, ys, scale = zip(*rows, strict=True) if rows else [()] * 7
+    return Observations.of(
+        np.stack([xs, ys], axis=1).reshape(-1, 2) - ORIGINS[said["pixel_origin"]],
         position=said["position"],
-        count=len(rows),
-        camera=np.array(cameras, str),
-        frame=np.array(frames, int),
-        point_id=np.array(points, int),
-        x_px=np.stack([xs, ys], axis=1).reshape(-1, 2) - ORIGINS[said["pixel_origin"]],
-        sigma_px=_sigma(path, stated, len(rows)) * np.array(scale),
+        camera=cameras,
+        frame=frames,
+        point_id=points,
+        sigma_px=_sigma(path, stated) * np.array(scale),
+        file=path,
+        line=lines,
     )
 
 
@@ -348,22 +357,17 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
     rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in points])
     names = [name for name, each in (("position", rows), ("centres", centres)) if len(each)]
     said = _settled(path, stated, _FROM_ZERO, "pixel_origin", *names)
-    centres = centres[:0] if said.get("centres") == "none" else centres
-    observed: list[dict[str, Any]] = [
-        {
-            "count": len(each),
-            "camera": np.full(len(each), stated.camera or ""),
-            "x_px": np.stack([each["u"], each["v"]], axis=1) - ORIGINS[said["pixel_origin"]],
-            "sigma_px": _sigma(path, stated, len(each)),
-        }
-        for each in (rows, centres)
-    ]
-    observed[0] |= {"frame": rows["frame"].astype(int), "point_id": rows["cluster"].astype(int)}
-    both = (
-        Observations.of_points(position=said.get("position", ""), **observed[0]),
-        Observations.of_centres(position=said.get("centres", ""), **observed[1]),
-    )
-    return joined(both, str(path))
+    common = {"camera": stated.camera or "", "sigma_px": _sigma(path, stated), "file": path}
+    of_points = {"position": said.get("position", ""), "frame": rows["frame"], "point_id": rows["cluster"]}
+    observed = Observations.of(_uv(rows) - ORIGINS[said["pixel_origin"]], **common, **of_points)
+    if said.get("centres", "none") == "none":
+        return observed
+    positions = _uv(centres) - ORIGINS[said["pixel_origin"]]
+    return joined([observed, Observations.of(positions, position=said["centres"], **common)])
+
+
+def _uv(rows: np.ndarray) -> np.ndarray:
+    return np.stack([rows["u"], rows["v"]], axis=1)
 
 
 _READERS: dict[str, Callable[[Path, Stated], Observations]] = {

@@ -6,27 +6,23 @@ one for each frame, which all cameras share. The centre of a micro-image is pred
 
 import functools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pipeline.camera.integrals import Bundles, integrals
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
-from pipeline.camera.tracing.moments import COVARIANCE, WEIGHT
 from pipeline.formats import EXACT
 from pipeline.plugins.fits.observations import Observations
 from pipeline.records.shapes import Float64, Int64
 from pipeline.scene.dataset import CameraEntry, Dataset
 from pipeline.targets.points import TargetPoints
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation, derivatives
-from pipeline.truth.direct.candidates import inverse
 from pipeline.truth.direct.direct_rows import Guess, solve
-from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Planes, tangent_planes
 from pipeline.truth.positions.column_sets import column_set
 from pipeline.truth.rows import Solutions
@@ -35,10 +31,8 @@ _LEAST_PX = 1e-9
 """Finest accuracy of rows [px]: finer than this, traces in double precision round."""
 _OF_SIGMA = 1e-5
 """Error of rows over that of observations [1]: what it moves is no more than that part of any deviation."""
-_APART_MM = 10.0
-"""Distance of the plane behind that of a point on which rays tell their slopes [mm]: they are straight."""
-_LEVEL = 2
-"""Level of quadrature, that of derivatives by numbers."""
+_POSE_STEP = 1e-4
+"""Step of the pose of a board [rad, mm]: differences err by 1e-8 of the derivative, and round by less."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +50,10 @@ class Views:
         number = {key: i for i, key in enumerate(keys)}
         return cls(tuple(keys), np.array([number.get(pair, -1) for pair in pairs], int))
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Predicted:
-    """Predicted positions of all observations, (n, 2), NaN where the stage has no such row; and where J is."""
-
-    x_px: np.ndarray
-    exact_px: np.ndarray
+    def poses(self, dataset: Dataset) -> np.ndarray:
+        """Poses that a dataset states, (v, 4, 4) world_from_target [mm]."""
+        frames = {frame.number: frame for frame in dataset.frames}
+        return np.array([frames[frame].world_from_target[name] for frame, name in self.keys]).reshape(-1, 4, 4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,36 +76,39 @@ def rig_of(dataset: Dataset, entry: CameraEntry) -> Rig:
     return _rig(entry.camera, dataset.seed, entry.square_px)
 
 
+def entries_of(dataset: Dataset) -> dict[str, CameraEntry]:
+    """Cameras of a dataset in all their channels, by full name."""
+    return {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
+
+
+def vision_from_world(dataset: Dataset, entry: CameraEntry) -> dict[int, np.ndarray]:
+    """Poses of a camera by frame, (4, 4) [mm]."""
+    return {frame.number: np.array(frame.camera_from_world[entry.name]) for frame in dataset.frames_of(entry)}
+
+
 @dataclass(frozen=True)
 class Predictor:
-    """Predictions for observations, each behind a named microlens if its camera has any.
-
-    `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
+    """Predictions for observations, each behind a named microlens if its camera has any: positions of J, and of the
+    chief rays of centres.
     """
 
     observations: Observations
     views: Views
-    offset_px: np.ndarray | float = 0.0
-    accuracy_px: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        finest = float(self.observations.sigma_px.min()) * _OF_SIGMA
-        object.__setattr__(self, "accuracy_px", min(max(finest, _LEAST_PX), 1e-3))
-
-    def predict(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> Predicted:
-        """Positions with boards at `poses` (v, 4, 4) world_from_target [mm]; searches begin at `start_px` (n, 2)."""
-        exact = np.full((len(self.observations), 2), np.nan)
+    def positions(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
+        """Positions (n, 2) with boards at `poses` (v, 4, 4) world_from_target [mm], NaN where the stage has no such
+        row; searches begin at `start_px` (n, 2).
+        """
+        found_px = np.full((len(self.observations), 2), np.nan)
         for entry, points, centres in self._cameras(dataset):
             solutions = self._solved(dataset, entry, points, poses, start_px)
-            exact[points[solutions.point]] = solutions.xy_px
+            found_px[points[solutions.point]] = solutions.xy_px
             if len(centres):
-                exact[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
-        return Predicted(x_px=exact + self.offset_px, exact_px=exact)
+                found_px[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
+        return found_px
 
     def offsets(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
-        """From positions of J, and of chief rays of centres, to those that the detector looks for, (n, 2) [px]; NaN
-        where a point has none.
-        """
+        """From these positions to those that the detector looks for, (n, 2) [px]; NaN where a point has none."""
         offset_px, sought = np.full((len(self.observations), 2), np.nan), self.observations.position
         offset_px[sought == EXACT] = 0.0
         for entry, points, centres in self._cameras(dataset):
@@ -122,8 +116,8 @@ class Predictor:
             for position in {*sought[points].tolist()} - {EXACT}:
                 rows = points[sought[points] == position]
                 solved = self._solved(dataset, entry, rows, poses, start_px)
-                wanted = self._wanted(position, dataset, entry, rows, poses, solved)
-                offset_px[rows[solved.point]] = wanted - solved.xy_px
+                wanted_px = self._wanted(position, dataset, entry, poses, replace(solved, point=rows[solved.point]))
+                offset_px[rows[solved.point]] = wanted_px - solved.xy_px
             offset_px[centres] = 0.0
             of_light = centres[sought[centres] == "centroid"]
             if len(of_light):
@@ -136,7 +130,8 @@ class Predictor:
     ) -> Solutions:
         rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
         guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
-        return solve(rig, guess, planes, self.accuracy_px, 0.0).solutions
+        finest_px = float(self.observations.sigma_px.min()) * _OF_SIGMA
+        return solve(rig, guess, planes, min(max(finest_px, _LEAST_PX), 1e-3), 0.0).solutions
 
     def slopes(
         self,
@@ -144,17 +139,19 @@ class Predictor:
         around: Sequence[tuple[Dataset, Dataset]],
         steps: Sequence[float],
         poses: np.ndarray,
-        exact_px: np.ndarray,
+        solved_px: np.ndarray,
     ) -> Slopes:
         """Derivatives at solved positions, of which what is NaN is left out, by each number with its two neighbours."""
-        by_number = np.full((len(exact_px), 2, len(around)), np.nan)
-        by_pose = np.full((len(exact_px), 2, 6), np.nan)
+        by_number = np.full((len(solved_px), 2, len(around)), np.nan)
+        by_pose = np.full((len(solved_px), 2, 6), np.nan)
         for entry, *of_camera in self._cameras(dataset):
-            rows, centres = (each[np.isfinite(exact_px[each, 0])] for each in of_camera)
+            rows, centres = (each[np.isfinite(solved_px[each, 0])] for each in of_camera)
             rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
-            solved = SolvedRows(np.arange(len(rows)), self._cells(rig, rows), exact_px[rows], Planes(planes))
             by_number[rows], by_number[centres], by_pose[centres] = 0.0, 0.0, 0.0
             variations, places = [], []
+            for axis in _POSE_STEP * np.eye(6):
+                turned = (self._planes(dataset, entry, rows, moved(poses, by)) for by in (-axis, axis))
+                variations.append(Variation(_POSE_STEP, *(Neighbour(rig.tracer, Planes(each)) for each in turned)))
             for place, (ends, step) in enumerate(zip(around, steps, strict=True)):
                 sides = [self._neighbour(end, entry, rows, poses, rig) for end in ends]
                 if all(side.tracer is rig.tracer and np.array_equal(side.planes.of_points, planes) for side in sides):
@@ -164,20 +161,15 @@ class Predictor:
                 if len(centres):
                     less, more = (chief_px(Rig.of(side.tracer), self._microlens[centres]) for side in sides)
                     by_number[centres, :, place] = (more - less) / (2 * step)
-            if not len(rows):
-                continue
-            rates = derivatives(rig, solved, variations)
-            by_number[np.ix_(rows, [0, 1], places)] = rates.x_px.transpose(0, 2, 1)
-            frames = {frame.number: np.array(frame.camera_from_world[entry.name]) for frame in dataset.frames_of(entry)}
-            world = np.array([frames[self.views.keys[view][0]] for view in self.views.of_rows[rows]])
-            origin = np.einsum("nij,nj->ni", world, poses[self.views.of_rows[rows], :, 3])[:, :3]
-            hits = _by_pose(rig, solved, origin) @ np.kron(np.eye(2), world[:, None, :3, :3]).reshape(-1, 6, 6)
-            by_pose[rows] = -inverse(rates.jacobian_mm_per_px) @ hits
+            if len(rows):
+                solved = SolvedRows(np.arange(len(rows)), self._cells(rig, rows), solved_px[rows], Planes(planes))
+                rates = derivatives(rig, solved, variations).x_px.transpose(0, 2, 1)
+                by_pose[rows], by_number[np.ix_(rows, [0, 1], places)] = rates[:, :, :6], rates[:, :, 6:]
         return Slopes(by_number=by_number, by_pose=by_pose)
 
     def _cameras(self, dataset: Dataset) -> Iterator[tuple[CameraEntry, np.ndarray, np.ndarray]]:
         """Cameras with their rows, of points and of centres."""
-        entries = {entry.full_name: entry for camera in dataset.cameras for entry in camera.in_channels}
+        entries = entries_of(dataset)
         for name in np.unique(self.observations.camera).tolist():
             of_camera, is_centre = self.observations.camera == name, self.observations.is_centre
             yield entries[name], np.flatnonzero(of_camera & ~is_centre), np.flatnonzero(of_camera & is_centre)
@@ -188,74 +180,38 @@ class Predictor:
         return self.observations.microlens
 
     def _cells(self, rig: Rig, rows: np.ndarray) -> np.ndarray:
-        lattice, microlens = rig.tracer.lattice, self.observations.microlens
-        if lattice is None or microlens is None:
-            return np.zeros(len(rows), np.int64)
-        return np.asarray(lattice.rows(*microlens[rows].T))
+        lattice = rig.tracer.lattice
+        return np.zeros(len(rows), np.int64) if lattice is None else lattice.rows(*self._microlens[rows].T)
 
     def _neighbour(self, end: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, rig: Rig) -> Neighbour:
         """The same rows before another reading of the stage."""
-        there = next(each for each in end.cameras if each.name == entry.name)
-        there = next(each for each in there.in_channels if each.full_name == entry.full_name)
+        there = entries_of(end)[entry.full_name]
         tracer = rig.tracer if there.camera == rig.tracer.camera else rig.tracer.next_to(there.camera)
         return Neighbour(tracer, Planes(self._planes(end, there, rows, poses)))
 
     def _planes(self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Tangent planes at the point of each row, vision frame, (n, 4, 3)."""
-        planes, points, frames = np.empty((len(rows), 4, 3)), points_of(dataset), {f.number: f for f in dataset.frames}
+        planes, points, vision = np.empty((len(rows), 4, 3)), points_of(dataset), vision_from_world(dataset, entry)
         for view in np.unique(self.views.of_rows[rows]):
             some = np.flatnonzero(self.views.of_rows[rows] == view)
             frame, target = self.views.keys[view]
-            vision_from_target = np.array(frames[frame].camera_from_world[entry.name]) @ poses[view]
             ids, of = self.observations.point_id[rows[some]], points[target]
-            planes[some] = tangent_planes(vision_from_target, of.position_mm[ids], of.plane_axes[ids])
+            planes[some] = tangent_planes(vision[frame] @ poses[view], of.position_mm[ids], of.plane_axes[ids])
         return planes
 
     def _wanted(
-        self,
-        position: str,
-        dataset: Dataset,
-        entry: CameraEntry,
-        rows: np.ndarray,
-        poses: np.ndarray,
-        solved: Solutions,
+        self, position: str, dataset: Dataset, entry: CameraEntry, poses: np.ndarray, solved: Solutions
     ) -> np.ndarray:
-        """Another position than J's of the points of solved rows, (n, 2) [px]; NaN where a point has none."""
-        x_px, rig = solved.xy_px, rig_of(dataset, entry)
-        targets, frames = {each.name: each for each in dataset.targets}, {each.number: each for each in dataset.frames}
-        view = self.views.of_rows[rows[solved.point]]
-        ids = self.observations.point_id[rows[solved.point]]
-        for each in np.unique(view):
-            some, (frame, name) = np.flatnonzero(view == each), self.views.keys[each]
-            pose, target = np.array(frames[frame].camera_from_world[entry.name]) @ poses[each], targets[name].target
-            points = target.points()
+        """Another position than J's of solved observations, (n, 2) [px]; NaN where a point has none."""
+        x_px, rig, vision = solved.xy_px, rig_of(dataset, entry), vision_from_world(dataset, entry)
+        targets = {each.name: each.target for each in dataset.targets}
+        for view in np.unique(self.views.of_rows[solved.point]):
+            some, (frame, name) = self.views.of_rows[solved.point] == view, self.views.keys[view]
+            pose, points = vision[frame] @ poses[view], targets[name].points()
             planes = Planes(tangent_planes(pose, points.position_mm, points.plane_axes))
-            of = replace(solved.only(some), point=ids[some])
-            x_px[some] = column_set(position, rig, target, pose, planes, of).x_px
+            of = replace(solved.only(some), point=self.observations.point_id[solved.point[some]])
+            x_px[some] = column_set(position, rig, targets[name], pose, planes, of).x_px
         return x_px
-
-
-def _by_pose(rig: Rig, rows: SolvedRows, origin_mm: np.ndarray) -> np.ndarray:
-    """Derivatives of J by a turn of the board about its origin (n, 3) and a shift, vision frame, (n, 2, 6) [mm].
-
-    A ray that meets the plane at (x, y) with the slope s moves on it by s times the way of the plane along its normal
-    there, less the way across. The way is linear in x and y, so that its mean needs those of s, x s and y s.
-    """
-    planes = rows.planes.of_points
-    behind = planes.copy()
-    behind[:, 0] += _APART_MM * planes[:, 3]
-    bundles = Bundles(rows.x_px, rig.microlens(rows.cell), np.stack([planes, behind], axis=1), rig.square_px)
-    moments = integrals(rig.tracer, bundles, _LEVEL).moments
-    mean, spread = moments[:, :4], matrix_4(moments[:, COVARIANCE:WEIGHT])
-    slope = (mean[:, 2:] - mean[:, :2]) / _APART_MM
-    with_slope = (spread[:, :2, 2:] - spread[:, :2, :2]) / _APART_MM  # of x or y, with s
-    axes, normal = planes[:, 1:3], planes[:, 3]
-    hit = planes[:, 0] + np.einsum("nk,nkj->nj", mean[:, :2], axes) - origin_mm
-    along = slope[:, :, None] * normal[:, None] - axes
-    turned = np.cross(hit[:, None], along)
-    for k in range(2):
-        turned += with_slope[:, k, :, None] * np.cross(axes[:, k], normal)[:, None]
-    return np.concatenate([turned, along], axis=2)
 
 
 def chief_px(rig: Rig, microlens: Int64[np.ndarray, "n 2"]) -> np.ndarray:
@@ -281,10 +237,10 @@ def _of_rows(rig: Rig, microlens: np.ndarray, positions_mm: Float64[np.ndarray, 
 
 
 def moved(poses: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Poses (v, 4, 4) turned about their own origins and shifted, in the axes of the world; `by`: (v, 6)."""
+    """Poses (v, 4, 4) turned about their own origins and shifted, in the axes of the world; `by`: (v, 6) or (6,)."""
     turned = poses.copy()
-    turned[:, :3, :3] = Rotation.from_rotvec(by[:, :3]).as_matrix() @ poses[:, :3, :3]
-    turned[:, :3, 3] += by[:, 3:]
+    turned[:, :3, :3] = Rotation.from_rotvec(by[..., :3]).as_matrix() @ poses[:, :3, :3]
+    turned[:, :3, 3] += by[..., 3:]
     return turned
 
 

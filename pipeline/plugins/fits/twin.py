@@ -2,21 +2,21 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from pipeline.app.stages import require_free, sound, write_new
+from pipeline.app.stages import existing, require_free, sound, write_new
 from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import json_bytes
 from pipeline.formats import EXACT
 from pipeline.plugins.fits.first_poses import first_poses
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, joined, read_observations
-from pipeline.plugins.fits.placement import placed, require_board
-from pipeline.plugins.fits.predicted_rows import Predicted, Predictor, Slopes, Views, points_of
+from pipeline.plugins.fits.placement import placed
+from pipeline.plugins.fits.predicted_rows import Predictor, Slopes, Views, entries_of, points_of
 from pipeline.plugins.fits.real_images import Images
 from pipeline.plugins.fits.solver import Asked, Solution, solve, unnoticed
 from pipeline.records.plain import Json
@@ -40,39 +40,33 @@ _HALF_TOLD_PX = 0.1
 
 
 class _Rows:
-    """The rows of a stage at numbers and poses: what the solver asks."""
+    """The rows of a stage at numbers and poses: what the solver asks.
 
-    def __init__(self, stage: FreeStage, predictor: Predictor) -> None:
+    `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
+    """
+
+    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray | float) -> None:
         self._stage, self._predictor, self._observed_px = stage, predictor, predictor.observations.x_px
-        self._last: list[tuple[bytes, Predicted]] = []  # of a step that is tried, and of where it starts
+        self._sought_px = self._observed_px - offset_px  # of J, of a camera that explains all
 
-    def __len__(self) -> int:
-        return len(self._observed_px)
-
-    def _predicted(self, by: np.ndarray, poses: np.ndarray) -> Predicted:
-        key = by.tobytes() + poses.tobytes()
-        if key not in dict(self._last):
-            start_px = self._last[-1][1].exact_px if self._last else self._observed_px
-            start_px = np.where(np.isfinite(start_px), start_px, self._observed_px)
-            predicted = self._predictor.predict(self._stage.at(by), poses, start_px)
-            self._last = [*self._last[-1:], (key, predicted)]
-        return dict(self._last)[key]
-
-    def residual(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    def residual(self, by: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
         """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have."""
-        return self._predicted(by, poses).x_px - self._observed_px
+        start_px = self._sought_px if near is None else self._sought_px + near
+        start_px = np.where(np.isfinite(start_px), start_px, self._observed_px)
+        return self._predictor.positions(self._stage.at(by), poses, start_px) - self._sought_px
 
     def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Poses that fit best to the rays of the camera there; those given where none do."""
         try:
-            return first_poses(self._predictor, self._stage.at(by))
+            return first_poses(self._predictor.observations, self._predictor.views, self._stage.at(by))
         except PipelineError:
             return poses
 
-    def slopes(self, by: np.ndarray, poses: np.ndarray) -> Slopes:
+    def slopes(self, by: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         """Derivatives there."""
-        exact_px, steps = self._predicted(by, poses).exact_px, [number.step for number in self._stage.numbers]
-        return self._predictor.slopes(self._stage.at(by), self._stage.around(by), steps, poses, exact_px)
+        steps = [number.step for number in self._stage.numbers]
+        solved_px = self._sought_px + residual
+        return self._predictor.slopes(self._stage.at(by), self._stage.around(by), steps, poses, solved_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,12 +98,11 @@ class Twin:
     observations: Observations
     views: Views
     solution: Solution
-    asked: Asked
 
     @property
     def chi2(self) -> np.ndarray:
         """Chi squared of each row as it counts, (n,); 0 of rows that the stage does not have."""
-        return self.solution.weight * self._size2
+        return self._weight * self._size2
 
     @property
     def missing(self) -> np.ndarray:
@@ -118,15 +111,14 @@ class Twin:
 
     def group(self, name: str, rows: np.ndarray) -> Group:
         """Some of the rows."""
-        there = rows & (self.solution.weight > 0)
+        there = rows & (self._weight > 0)
         chi2, expected = self.chi2[there].sum(), self.solution.expected[there].sum()
         return Group(name=name, rows=int(there.sum()), chi2=float(chi2), expected=float(expected))
 
     @cached_property
     def sizes_px(self) -> dict[str, tuple[int, int]]:
         """Widths and heights of the images, by camera."""
-        cameras = (entry for camera in self.stage.nominal.cameras for entry in camera.in_channels)
-        return {entry.full_name: entry.camera.sensor.size_px for entry in cameras}
+        return {name: entry.camera.sensor.size_px for name, entry in entries_of(self.stage.nominal).items()}
 
     @cached_property
     def groups(self) -> dict[str, list[Group]]:
@@ -150,8 +142,8 @@ class Twin:
         for view, (_, target) in enumerate(self.views.keys):
             rows = np.flatnonzero(self.views.of_rows == view)
             outwards = points[target].position_mm[seen.point_id[rows]] @ self.solution.poses[view, :3, :3].T
-            extra[rows, :, 2] = np.einsum("nij,nj->ni", self.solution.slopes.by_pose[rows, :, 3:], outwards)
-        return unnoticed(self.solution, self.asked, extra)
+            extra[rows, :, 2] = np.einsum("nij,nj->ni", self.solution.linear.slopes.by_pose[rows, :, 3:], outwards)
+        return unnoticed(self.solution, extra)
 
     @cached_property
     def doubts(self) -> list[str]:
@@ -190,7 +182,11 @@ class Twin:
 
     @property
     def _size2(self) -> np.ndarray:
-        return np.nan_to_num((self.solution.residual_px**2).sum(axis=1) / self.asked.sigma_px**2)
+        return np.nan_to_num((self.solution.residual_px**2).sum(axis=1) / self.observations.sigma_px**2)
+
+    @property
+    def _weight(self) -> np.ndarray:
+        return self.solution.linear.weight
 
     def _names(self, rows: np.ndarray) -> str:
         return ", ".join(map(self.observations.name, rows[:3])) + (" …" if len(rows) > 3 else "")
@@ -211,26 +207,32 @@ class Twin:
 
         `images`: those of the real camera, as `found_images` has them for this layer.
         """
-        beside = out.with_suffix(".json")
-        require_free(out)
+        beside = require_new(out)
         poses = dict[str, dict[int, np.ndarray]]()
         prims = {entry.name: entry.prim_path for entry in self.stage.nominal.targets}
-        if self.asked.has_free_poses:
+        if self.solution.linear.asked.has_free_poses:
             for (frame, target), pose in zip(self.views.keys, self.solution.poses, strict=True):
                 poses.setdefault(prims[target], {})[frame] = pose
         about = "Numbers and poses fitted to observed positions by pipeline calibrate."
         layer = self.stage.layer(out, self.solution.by, poses, about)
         digest = hashlib.sha256(layer.encode()).hexdigest()
         more = {"layer_sha256": digest, "images": images or {}}
-        write_new(json_bytes(document(self) | more).decode(), beside)
+        write_new(layer, out)
         try:
-            write_new(layer, out)
             sound(out, self.stage.roots)
+            write_new(json_bytes(document(self) | more).decode(), beside)
         except BaseException:
-            for file in (out, beside):
-                file.unlink(missing_ok=True)
+            out.unlink(missing_ok=True)
             raise
         return out, beside
+
+
+def require_new(out: Path) -> Path:
+    """The file beside a layer that is not there yet; UsageError: one of them is, or cannot be written."""
+    require_free(out)
+    if (beside := out.with_suffix(".json")).exists():
+        raise existing(beside)
+    return beside
 
 
 def calibrate(
@@ -246,49 +248,52 @@ def calibrate(
 
     Raises UsageError: a file cannot be read, does not belong to the dataset, or no pose of a board fits.
     """
-    parts = [placed(read_observations(file, stated), stage.nominal) for file in files]
-    for part, file in zip(parts, files, strict=True):
-        require_board(part, stage.nominal, file)
-    found = joined(parts, ", ".join(map(str, files)))
+    found = joined([placed(read_observations(file, stated), stage.nominal) for file in files])
     views = Views.of(found)
-    predictor = Predictor(found, views)
     if known_poses:
-        frames = {frame.number: frame for frame in stage.nominal.frames}
-        poses = np.array([frames[frame].world_from_target[target] for frame, target in views.keys]).reshape(-1, 4, 4)
+        poses = views.poses(stage.nominal)
     else:
         _require_poses_once(stage)
-        poses = first_poses(predictor, stage.nominal)
-    numbers = stage.numbers
-    asked = Asked(
-        sigma_px=found.sigma_px,
-        view=views.of_rows,
-        deviation=np.array([number.deviation for number in numbers]),
-        reach=np.array([number.reach for number in numbers]),
-        has_free_poses=not known_poses,
-        loss_scale=loss_scale,
-    )
-    count, unknowns = 2 * len(found), len(numbers) + (0 if known_poses else 6 * len(views.keys))
+        poses = first_poses(found, views, stage.nominal)
+    count, unknowns = 2 * len(found), len(stage.numbers) + (0 if known_poses else 6 * len(views.keys))
     if count < unknowns:
         hint = "free less, or give more images"
         raise UsageError(f"{count} coordinates do not tell {unknowns} unknowns", hint=hint)
-    by = np.zeros(len(numbers))
-    is_exact = bool(((found.position == EXACT) | (found.position == "chief") & found.is_centre).all())
-    for turn in range(_TURNS):
-        if not is_exact:
-            tell(f"looking for positions: {found.kinds}")
-            there_px = predictor.offsets(stage.at(by), poses, found.x_px)
-            is_same = np.abs(there_px - predictor.offset_px) < _SAME * found.sigma_px[:, None]
-            if turn and (is_same | np.isnan(there_px)).all():
-                break
-            predictor = replace(predictor, offset_px=there_px)
-        solution = solve(_Rows(stage, predictor), asked, by, poses, tell)
+    asked = Asked(
+        sigma_px=found.sigma_px,
+        view=views.of_rows,
+        deviation=np.array([number.deviation for number in stage.numbers]),
+        reach=np.array([number.reach for number in stage.numbers]),
+        has_free_poses=not known_poses,
+        loss_scale=loss_scale,
+    )
+    solution = _solved(stage, Predictor(found, views), asked, poses, tell)
+    return Twin(stage=stage, observations=found, views=views, solution=solution)
+
+
+def _solved(
+    stage: FreeStage, predictor: Predictor, asked: Asked, poses: np.ndarray, tell: Callable[[str], None]
+) -> Solution:
+    """The solution by the positions that the detector looks for, which are found again where the camera is then."""
+    found, by = predictor.observations, np.zeros(len(stage.numbers))
+    if ((found.position == EXACT) | (found.position == "chief") & found.is_centre).all():
+        return solve(_Rows(stage, predictor, 0.0), asked, by, poses, tell)
+    offset_px = np.full((len(found), 2), np.inf)
+    solution: Solution | None = None
+    for _ in range(_TURNS):
+        tell(f"looking for positions: {found.kinds}")
+        there_px = predictor.offsets(stage.at(by), poses, found.x_px)
+        if np.isnan(there_px).all():
+            hint = "corners of squares have a saddle, discs a centroid, and all points exact"
+            raise UsageError(f"no point of the boards has this position: {found.kinds}", hint=hint)
+        is_other = np.abs(there_px - offset_px) >= _SAME * found.sigma_px[:, None]
+        if solution is not None and not is_other.any():
+            return solution
+        solution, offset_px = solve(_Rows(stage, predictor, there_px), asked, by, poses, tell), there_px
         by, poses = solution.by, solution.poses
-        if is_exact:
-            break
-    else:
-        ending = "the positions that the detector looks for did not settle"
-        solution = replace(solution, converged=False, ending=ending)
-    return Twin(stage=stage, observations=found, views=views, solution=solution, asked=asked)
+    assert solution is not None
+    ending = "the positions that the detector looks for did not settle"
+    return replace(solution, converged=False, ending=ending)
 
 
 def _require_poses_once(stage: FreeStage) -> None:
@@ -334,13 +339,8 @@ def document(twin: Twin) -> Json:
         "fixed": list(twin.stage.fixed),
         "covariance": solution.covariance.tolist(),
         "open": [dict(zip(names, each, strict=True)) for each in solution.open_directions.tolist()],
-        "open_are_held": not len(solution.unmoved),
-        "chi2": {
-            kind: [
-                {"name": each.name, "rows": each.rows, "chi2": each.chi2, "expected": each.expected} for each in groups
-            ]
-            for kind, groups in twin.groups.items()
-        },
+        "open_are_held": solution.are_held,
+        "chi2": {kind: [asdict(each) for each in groups] for kind, groups in twin.groups.items()},
         "mistakes": {
             name: {"estimate": value, "deviation": off if np.isfinite(off) else None} for name, value, off in mistakes
         },
@@ -356,6 +356,6 @@ def document(twin: Twin) -> Json:
             "sigma_px": seen.sigma_px.tolist(),
             "residual_px": [[v if np.isfinite(v) else None for v in row] for row in solution.residual_px.tolist()],
             "chi2": twin.chi2.tolist(),
-            "expected": np.where(solution.weight > 0, solution.expected, 0.0).tolist(),
+            "expected": solution.expected.tolist(),
         },
     }

@@ -191,17 +191,17 @@ def calibrate(
 
     Ends with 6 if something is left that noise does not explain. docs/how_to/calibrate.md.
     """
-    from pipeline.app.stages import draw, require_free
+    from pipeline.app.stages import draw
     from pipeline.files.jsonfile import json_bytes
     from pipeline.plugins.fits.free_numbers import FreeStage
     from pipeline.plugins.fits.observations import Stated
     from pipeline.plugins.fits.real_images import found_images
     from pipeline.plugins.fits.twin import calibrate as fitted
-    from pipeline.plugins.fits.twin import document
+    from pipeline.plugins.fits.twin import document, require_new
     from pipeline.plugins.fits.twin_page import page, residual_maps
     from pipeline.results.notebook import require_plots
 
-    require_free(out)
+    require_new(out)
     require_suffix(plot, ".svg")
     if plot is not None:
         require_plots()

@@ -1,6 +1,7 @@
 """Positions that a camera would see whose numbers are a little off those of its stage, and files with them."""
 
 from collections.abc import Sequence
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -84,17 +85,22 @@ def seen(stage: FreeStage, by: np.ndarray, sigma_px: float, seed: int | None = N
     x_px = np.stack([x, y], axis=1)
     if seed is not None:
         x_px += np.random.default_rng(seed).normal(scale=sigma_px, size=x_px.shape)
-    return Observations.of_points(
+    return Observations.of(
+        x_px,
         position="exact",
-        count=len(ids),
         camera=names,
         frame=frames,
-        target=np.full(len(ids), target.name),
+        target=target.name,
         point_id=ids,
-        x_px=x_px,
-        sigma_px=np.full(len(ids), sigma_px),
+        sigma_px=sigma_px,
         microlens=np.stack([k, l], axis=1) if rig.images else None,
     )
+
+
+def only(found: Observations, kept: np.ndarray) -> Observations:
+    """Some of the rows."""
+    columns = (each.name for each in fields(found) if getattr(found, each.name) is not None)
+    return replace(found, **{name: getattr(found, name)[kept] for name in columns})
 
 
 def centres(stage: FreeStage, by: np.ndarray, position: str, sigma_px: float) -> Observations:
@@ -104,14 +110,9 @@ def centres(stage: FreeStage, by: np.ndarray, position: str, sigma_px: float) ->
     light = micro_light(rig.tracer, rig.images)
     x_px = rig.tracer.pixels_at(light.centroid_mm if position == "centroid" else rig.images.centre_mm[light.rows])
     is_inside = rig.in_image(x_px)
-    count = int(is_inside.sum())
-    return Observations.of_centres(
-        position=position,
-        count=count,
-        camera=np.full(count, entry.full_name),
-        x_px=x_px[is_inside],
-        sigma_px=np.full(count, sigma_px),
-        microlens=rig.axial[light.rows[is_inside]],
+    microlens = rig.axial[light.rows[is_inside]]
+    return Observations.of(
+        x_px[is_inside], position=position, camera=entry.full_name, sigma_px=sigma_px, microlens=microlens
     )
 
 
@@ -142,13 +143,7 @@ def white_image(stage: FreeStage, by: np.ndarray, sigma_px: float) -> Observatio
     ]
     numbers = np.arange(1, count + 1)[is_whole]
     x_px = np.array(ndimage.center_of_mass(light, island, numbers))[:, ::-1]
-    return Observations.of_centres(
-        position="centroid",
-        count=len(x_px),
-        camera=np.full(len(x_px), entry.full_name),
-        x_px=x_px,
-        sigma_px=np.full(len(x_px), sigma_px),
-    )
+    return Observations.of(x_px, position="centroid", camera=entry.full_name, sigma_px=sigma_px)
 
 
 def table(found: Observations, path: Path, remarks: Sequence[str] = ()) -> Path:

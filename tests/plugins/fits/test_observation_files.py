@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hostile.test_damage import damaged
+from plugins.fits.planted import narrow_stage
 
 from pipeline.errors import UsageError
 from pipeline.plugins.fits.observations import Stated, read_observations
@@ -67,38 +68,75 @@ def test_observations_of_libpleno_are_read_with_their_centres(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "place", "said"),
     [
-        ("a.txt", CSV, "is no file of observations"),
-        ("a.csv", "", "the last line is cut off"),
-        ("a.csv", CSV.replace(",", ";"), "has no column x_px"),
-        ("a.csv", CSV.replace("x_px", "x"), "has no column x_px"),
-        ("a.csv", CSV.replace("103.5", "nan"), "no number, or .* above 0: point 0 in frame 2 of Rig.Camera"),
-        ("a.csv", CSV.replace("103.5", ""), "no number, or .* above 0: point 0 in frame 2 of Rig.Camera"),
-        ("a.csv", CSV.replace("103.5", "-inf"), "no number"),
-        ("a.csv", CSV.replace("0.2\n", "inf\n"), "a sigma that is not above 0"),
-        ("a.csv", CSV.replace("0.2\n", "-1\n"), "a sigma that is not above 0"),
-        ("a.csv", CSV.replace("103.5", "far"), "column x_px: could not convert"),
-        ("a.csv", CSV.replace("a,2,0", "a,1e300,0"), "column frame holds something that is no whole number"),
-        ("a.csv", CSV.replace("exact", "corner"), "says position: corner"),
-        ("a.csv", CSV[: CSV.index("Rig")], "holds no position"),
-        ("a.vnl", "", "holds no position"),
-        ("a.vnl", VNL.replace("0001", "one"), "no file name with a number"),
-        ("a.npz", b"", "no arrays of NumPy"),
-        ("a.npz", b"PK\x03\x04", "no arrays of NumPy"),
-        ("a.bin.gz", b"", "no observations of libpleno"),
-        ("a.bin.gz", gzip.compress(b"", mtime=0), "no observations of libpleno"),
-        ("a.bin.gz", gzip.compress(struct.pack("<Q", 2**63), mtime=0), "no observations of libpleno"),
-        ("a.bin.gz", gzip.compress(struct.pack("<QQQ", 0, 0, 0), mtime=0), "holds no position"),
+        ("a.txt", CSV, "", "is no file of observations"),
+        ("a.csv", "", "", "the last line is cut off"),
+        ("a.csv", CSV.replace(",", ";"), "", "has no column x_px"),
+        ("a.csv", CSV.replace("x_px", "x"), "", "has no column x_px"),
+        ("a.csv", CSV.replace("103.5,", ""), ":6", "5 cells where the header has 6"),
+        ("a.csv", CSV.replace("103.5", "nan"), ":6", "the position of point 0 in frame 2 of Rig.Camera is no number"),
+        ("a.csv", CSV.replace("103.5", ""), ":6", "the position of point 0 in frame 2 of Rig.Camera is no number"),
+        ("a.csv", CSV.replace("103.5", "-inf"), ":6", "the position of point 0 in frame 2 of Rig.Camera is no number"),
+        ("a.csv", CSV.replace("0.2\n", "inf\n"), ":6", "the sigma of point 0 in frame 2 of Rig.Camera is not above 0"),
+        ("a.csv", CSV.replace("0.2\n", "-1\n"), ":6", "the sigma of point 0 in frame 2 of Rig.Camera is not above 0"),
+        ("a.csv", CSV.replace("0.2\n", "\n"), ":6", "the sigma of point 0 in frame 2 of Rig.Camera is not above 0"),
+        ("a.csv", CSV.replace("103.5", "far"), ":6", "x_px is 'far', no number"),
+        ("a.csv", CSV.replace("a,2,0", "a,1e300,0"), ":6", "frame is '1e300', no whole number"),
+        ("a.csv", CSV.replace("a,2,0", "a,2,"), ":6", "point_id is '', no whole number"),
+        ("a.csv", CSV.replace("exact", "corner"), "", "says position: corner"),
+        ("a.csv", CSV[: CSV.index("Rig")], "", "holds no position"),
+        ("a.vnl", "", "", "holds no position"),
+        ("a.vnl", VNL.replace("0001", "one"), ":2", "no file name with a number"),
+        ("a.vnl", VNL.replace("103.5", "inf"), ":4", "the position of point 0 in frame 2 of the camera is no number"),
+        ("a.npz", b"", "", "no arrays of NumPy"),
+        ("a.npz", b"PK\x03\x04", "", "no arrays of NumPy"),
+        ("a.bin.gz", b"", "", "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(b"", mtime=0), "", "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(struct.pack("<Q", 2**63), mtime=0), "", "no observations of libpleno"),
+        ("a.bin.gz", gzip.compress(struct.pack("<QQQ", 0, 0, 0), mtime=0), "", "holds no position"),
     ],
 )
-def test_a_file_that_is_wrong_says_where(tmp_path, name, content, said):
+def test_a_file_that_is_wrong_says_where(tmp_path, name, content, place, said):
     with pytest.raises(UsageError, match=said) as refused:
         read(tmp_path, name, content)
-    assert str(tmp_path / name) in refused.value.message
-    (tmp_path / "folder.csv").mkdir()
-    with pytest.raises(UsageError, match="there is no file"):
-        read_observations(tmp_path / "folder.csv", EVERYTHING)
+    assert refused.value.message.startswith(f"{tmp_path / name}{place}")
+
+
+SEEN = """# pixel_origin: 0
+# position: exact
+camera,frame,target,point_id,x_px,y_px,sigma_px
+Rig.Camera,1,Board,0,100.5,200.25,0.1
+Rig.Camera,1,Board,1,110.5,201.25,0.1
+Rig.Camera,2,Board,0,103.5,199.25,0.2
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("Rig.Camera,2,Board,0", "Rig.Camara,2,Board,0", ":6: the dataset has no camera 'Rig.Camara'"),
+        ("Rig.Camera,2,Board,0", "Rig.Camera,9,Board,0", ":6: the dataset has no frame 9"),
+        ("Rig.Camera,2,Board,0", "Rig.Camera,2,Bord,0", ":6: the dataset has no target 'Bord'"),
+        ("Rig.Camera,2,Board,0", "Rig.Camera,2,Board,28", ":6: Board has no point 28"),
+        ("Rig.Camera,2,Board,0", "Rig.Camera,2,Board,-1", ":6: Board has no point -1"),
+        ("Rig.Camera,2,Board,0", "Rig.Camera,1,Board,0", ":6: point 0 in frame 1 of Rig.Camera is there twice"),
+        ("103.5", "1280.5", ":6: (1280.5, 199.25) px lies outside of the image of Rig.Camera, 640 x 480 px"),
+        (",sigma_px", "", ":4: 7 cells where the header has 6"),
+        (SEEN[SEEN.index("Rig.Camera,2") :], "", ":4: Board in frame 1 of Rig.Camera has 2 points"),
+    ],
+)
+def test_a_table_that_does_not_fit_the_dataset_ends_in_one_sentence_with_its_line(run, tmp_path, old, new, said):
+    (tmp_path / "a.csv").write_text(SEEN.replace(old, new), encoding="utf-8")
+    code, output, log = run("calibrate", narrow_stage(tmp_path), "a.csv", "-o", "fitted.usda")
+    first, *hints = log.strip().splitlines()
+    assert (code, output) == (2, "") and first.startswith(f"error: a.csv{said}")
+    assert len(hints) <= 1 and sorted(tmp_path.glob("fitted*")) == []
+
+
+def test_a_folder_is_named_as_one(tmp_path):
+    with pytest.raises(UsageError, match="is a folder"):
+        read_observations(tmp_path, EVERYTHING)
 
 
 def test_a_camera_that_a_table_names_is_not_replaced_in_silence(tmp_path):
