@@ -7,7 +7,6 @@ degrees, u = W - 1 - (X - sensor) / scale; so does our sensor frame, whose z has
 
 import json
 import math
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -155,21 +154,9 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
             "type_table": tuple(table),
             "type_period": (count - 1, count),
         }
-    type_of: dict[int, int] = {}
-    x0, y0 = _node(layout, columns - 1 - middle[0], rows - 1 - middle[1])
-    for k, l in product(range(-3, 4), repeat=2):
-        x, y = _node(layout, columns - 1 - middle[0] - k, rows - 1 - middle[1] - l)
-        x, y = x0 - x, y0 - y
-        line, column = (round(y / SIN_60), x) if layout == "hexagonal" else (round(x / SIN_60), y)
-        step = round(column - line / 2)
-        ours = (step - line if layout == "hexagonal" else line - step) % 3
-        kind = theirs(middle[0] + k, middle[1] + l)
-        if type_of.setdefault(ours, kind) != kind:
-            raise CameraError(
-                "the types of this array do not repeat as (k - l) mod 3",
-                hint="libpleno has no other order: state the array in a stage, with a type table",
-            )
-    return {"focal_lengths_mm": tuple(focal[type_of[kind]] for kind in range(3))}
+    # Neighbours along a row, or down a column, have our types 0, 1, 2 one after the other.
+    steps = [(step, 0) if layout == "hexagonal" else (0, -step) for step in range(3)]
+    return {"focal_lengths_mm": tuple(focal[theirs(middle[0] + k, middle[1] + l)] for k, l in steps)}
 
 
 def _finite(text: Any) -> float:
