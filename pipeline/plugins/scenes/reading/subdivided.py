@@ -45,9 +45,8 @@ class SubdivisionSurface:
         self.levels = Levels(self.cage, scheme)
         self.is_hole = polygons.is_hole
         if boundary == UsdGeom.Tokens.none:  # faces at a boundary only support the others
-            at_boundary = np.zeros(len(corner), bool)
-            at_boundary[self.cage.ends[self.cage.faces_at_edge == 1].ravel()] = True
-            self.is_hole = self.is_hole | (np.bincount(self.cage.face, at_boundary[self.cage.vertex]) > 0)
+            at_boundary = _at_boundary(self.cage)[self.cage.vertex]
+            self.is_hole = self.is_hole | (np.bincount(self.cage.face, at_boundary) > 0)
 
     def _creases(self, prim: Usd.Prim, time: float | None) -> np.ndarray:
         """Sharpness of the edge from each corner to the next."""
@@ -59,16 +58,19 @@ class SubdivisionSurface:
         if lengths.sum() != len(along) or len(sharpness) != edges.sum():
             self.flaws.append("creaseLengths do not fit creaseIndices or creaseSharpnesses, and creases are ignored")
             return sharp
-        goes_on = np.ones(len(along), bool)
-        goes_on[np.cumsum(lengths)[lengths > 0] - 1] = False
-        first = np.flatnonzero(goes_on)
+        # Neighbours along a crease, but not the last vertex of one and the first of the next.
+        is_last = np.zeros(len(along), bool)
+        is_last[np.cumsum(lengths)[lengths > 0] - 1] = True
+        first = np.flatnonzero(~is_last)
+        # The sharpest crease of each edge counts.
+        sharp_of = dict[tuple[int, int], float]()
+        for a, b, value in zip(along[first].tolist(), along[first + 1].tolist(), sharpness.tolist(), strict=True):
+            edge = min(a, b), max(a, b)
+            sharp_of[edge] = max(sharp_of.get(edge, 0.0), value)
+        if not sharp_of:
+            return sharp
         bare = Cage(self._polygons.vertex, self._polygons.count, sharp, np.zeros(len(self._polygons.points)))
-        edge_of = {(int(a), int(b)): number for number, (a, b) in enumerate(bare.ends)}
-        of_edge = np.zeros(len(bare.ends))
-        for a, b, value in zip(along[first], along[first + 1], sharpness, strict=True):
-            if (edge := edge_of.get((min(int(a), int(b)), max(int(a), int(b))))) is not None:
-                of_edge[edge] = max(of_edge[edge], value)
-        return of_edge[bare.edge]
+        return np.array([sharp_of.get((a, b), 0.0) for a, b in bare.ends.tolist()])[bare.edge]
 
     @cached_property
     def varying(self) -> Levels:
@@ -77,41 +79,43 @@ class SubdivisionSurface:
 
     def face_varying(self, indices: np.ndarray | None, count: int) -> Levels:
         """Levels of face-varying values, which are joined where corners share an index."""
-        polygons, rule = (
-            self._polygons,
-            self._mesh.GetFaceVaryingLinearInterpolationAttr().Get(Usd.TimeCode.EarliestTime()),
-        )
+        polygons = self._polygons
+        rule = self._mesh.GetFaceVaryingLinearInterpolationAttr().Get(Usd.TimeCode.EarliestTime())
         index = polygons.corner if indices is None else indices[polygons.corner]
         corner = np.zeros(count)
         sheet = Cage(index, polygons.count, self.cage.sharp, corner)
         if rule == UsdGeom.Tokens.all or self.scheme == BILINEAR:
             return Levels(sheet, BILINEAR, self.scheme)
-        at_border = np.zeros(count, bool)
-        at_border[sheet.ends[sheet.faces_at_edge == 1].ravel()] = True
         if rule == UsdGeom.Tokens.boundaries:
-            corner[at_border] = np.inf
+            corner[_at_boundary(sheet)] = np.inf
         elif rule != UsdGeom.Tokens.none:
             alone = np.bincount(index, minlength=count) == 1
             corner[alone] = np.inf
             if rule != UsdGeom.Tokens.cornersOnly:
-                corner[self._junctions(index, alone, at_border, rule)] = np.inf
+                corner[self._junctions(sheet, alone, rule)] = np.inf
         try:
             return Levels(sheet, self.scheme)
         except NotManifold:
             return Levels(sheet, BILINEAR, self.scheme)
 
-    def _junctions(self, index: np.ndarray, alone: np.ndarray, at_border: np.ndarray, rule: str) -> np.ndarray:
-        """Values where three pieces or more meet; by cornersPlus2 also where one of two has a corner or a seam ends."""
-        pairs = np.unique(np.stack([self._polygons.vertex, index], axis=1), axis=0)
-        pieces = np.bincount(pairs[:, 0], minlength=len(self._polygons.points))
-        is_sharp = pieces > 2
+    def _junctions(self, sheet: Cage, alone: np.ndarray, rule: str) -> np.ndarray:
+        """Values where three of them or more meet at a vertex. By cornersPlus2 also those where one of two is `alone`,
+        of a single face, and where a seam ends inside of the mesh.
+        """
+        vertex, value = np.unique(np.stack([self._polygons.vertex, sheet.vertex], axis=1), axis=0).T
+        count = len(self._polygons.points)
+        meeting = np.bincount(vertex, minlength=count)
+        is_junction = meeting > 2
         if rule == UsdGeom.Tokens.cornersPlus2:
-            has_corner = np.bincount(pairs[:, 0], alone[pairs[:, 1]], len(pieces)) > 0
-            outside = np.zeros(len(pieces), bool)
-            outside[self.cage.ends[self.cage.faces_at_edge == 1].ravel()] = True
-            at_end = np.bincount(pairs[:, 0], at_border[pairs[:, 1]], len(pieces)) > 0
-            is_sharp = is_sharp | ((pieces == 2) & has_corner) | ((pieces == 1) & at_end & ~outside)
-        return pairs[is_sharp[pairs[:, 0]], 1]
+            has_corner, has_seam = (np.bincount(vertex, of[value], count) > 0 for of in (alone, _at_boundary(sheet)))
+            ends_seam = (meeting == 1) & has_seam & ~_at_boundary(self.cage)
+            is_junction = is_junction | ((meeting == 2) & has_corner) | ends_seam
+        return value[is_junction[vertex]]
+
+
+def _at_boundary(cage: Cage) -> np.ndarray:
+    """Whether each vertex of a cage lies on a boundary."""
+    return cage.marked_at(cage.faces_at_edge == 1) > 0
 
 
 @read_once

@@ -99,7 +99,7 @@ class Cage:
         twin[order[same]], twin[order[same + 1]] = order[same + 1], order[same]
         return twin
 
-    def sharp_at(self, edges: Bool[np.ndarray, "e"]) -> np.ndarray:
+    def marked_at(self, edges: Bool[np.ndarray, "e"]) -> np.ndarray:
         """Number of the marked edges at each vertex."""
         return np.bincount(self.ends[edges].ravel(), minlength=len(self.corner))
 
@@ -122,7 +122,7 @@ class Cage:
         Fans are the sectors into which marked edges divide the corners around a vertex; a single marked edge divides
         none. They are numbered by their first corner.
         """
-        divided = (self.sharp_at(cut) > 1)[self.vertex]
+        divided = (self.marked_at(cut) > 1)[self.vertex]
         turned = self.twin[self.before]  # the next corner around the vertex, anticlockwise
         ends = (turned < 0) | (cut[self.edge[self.before]] & divided)
         fan, rank = np.full(len(self.vertex), -1), np.zeros(len(self.vertex), int)
@@ -185,7 +185,7 @@ class _Rules:
         edge, corner = self.cage.edge_sharp, self.cage.corner
         ending, corner_ends = (edge > 0) & (edge <= 1), (corner > 0) & (corner <= 1)
         total = np.bincount(self.cage.ends[ending].ravel(), np.repeat(edge[ending], 2), self.v)
-        number = self.cage.sharp_at(ending) + corner_ends
+        number = self.cage.marked_at(ending) + corner_ends
         share = np.where(number > 0, (total + np.where(corner_ends, corner, 0.0)) / np.maximum(number, 1), 1.0)
         smooth = self._smooth()
         now, after = (self._mixed(edge > level, corner > level, smooth, 1 / 8) for level in (0, 1))
@@ -195,7 +195,7 @@ class _Rules:
         self, sharp: np.ndarray, is_corner: np.ndarray, smooth: sparse.csr_matrix, beside: float
     ) -> sparse.csr_matrix:
         """Rows of smooth vertices, of creases with the weight `beside` of both neighbours, and of corners."""
-        number = self.cage.sharp_at(sharp)
+        number = self.cage.marked_at(sharp)
         is_corner = is_corner | (number > 2)
         is_crease = ~is_corner & (number == 2)
         a, b = self.cage.ends[sharp].T
@@ -370,7 +370,7 @@ def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -
     sharp = cage.edge_sharp > 0
     fan, rank = cage.fans(sharp)
     size = np.bincount(fan, minlength=len(fan))[fan]
-    number = cage.sharp_at(sharp)
+    number = cage.marked_at(sharp)
     is_open = (number > 1)[cage.vertex]
     weights = _tangent_weights(scheme, size, rank, is_open)
     across = points[cage.vertex[cage.after[cage.after]]]
