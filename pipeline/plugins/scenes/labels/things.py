@@ -83,7 +83,7 @@ class LabelledScene:
         meshes = [apply(pose, patch.mesh().reshape(-1, 3)).reshape(-1, 3, 3) for _, patch, pose in self._patches]
         solids = [in_vision(occluder, pose) for occluder, pose in occluders]
         everything = [*meshes, *solids]
-        self._lit, self._embree, self._ends = lit, MeshScene(everything), np.cumsum([0, *map(len, everything)])
+        self._lit, self._embree = lit, MeshScene(everything)
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
         self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(solids))], int)
         # The same triangles in the next frame; targets move by their poses.
@@ -101,7 +101,7 @@ class LabelledScene:
         triangle = self._lit.first_seen(of_pixels) if self._lit else self._embree.first_hit(rays.origin, rays.direction)
         ray = np.flatnonzero(triangle >= 0)
         triangle, origin, direction = triangle[ray], rays.origin[ray], rays.direction[ray]
-        piece = np.searchsorted(self._ends, triangle, side="right") - 1
+        piece = np.searchsorted(self._embree.first, triangle, side="right") - 1
         point, normal, shares = _on_planes(self._corners[triangle], origin, direction)
         later, sheet = np.einsum("nk,nki->ni", shares, self._later[triangle]), np.full((len(ray), 2), np.nan)
         for number, (owner, patch, pose) in enumerate(self._patches):

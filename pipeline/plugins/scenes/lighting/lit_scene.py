@@ -81,15 +81,13 @@ class LitView:
             rows = [table.add(material, occluder.radiance, columns, is_body) for material in finish.materials]
             piece = shapes.of_mesh(occluder, pose, finish, rows)
             pieces.append(shapes.outward(piece) if is_body else piece)
-        ends, together = np.cumsum([0, *(len(piece.corners) for piece in pieces)]), shapes.joined(pieces)
-        return _Surfaces(table, ends, together, MeshScene([together.corners]))
+        return _Surfaces(table, shapes.joined(pieces), MeshScene([piece.corners for piece in pieces]))
 
 
 class _Surfaces(NamedTuple):
-    """Materials, first triangle of each piece and of none, triangles, and the same for Embree."""
+    """Materials, triangles, and the same for Embree, patch by patch and mesh by mesh."""
 
     table: MaterialTable
-    ends: np.ndarray
     shapes: shapes.Shapes
     embree: MeshScene
 
@@ -109,7 +107,7 @@ class LitScene:
         from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
 
         self._light, lighting = (number, len(view.lights)), view.lighting
-        table, self._ends, self._shapes, self._embree = view.surfaces
+        table, self._shapes, self._embree = view.surfaces
         corners = self._shapes.corners.reshape(-1, 3)
         weights = np.array([weights_of_rgb(light) for light in view.lights[number]])
         sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
@@ -248,7 +246,7 @@ class LitScene:
         passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
         hits.triangle[:] = triangle = self._first_triangle(paths.origin, paths.direction, passes)
         albedo = np.full(count, np.nan)
-        for art, first, end in zip(tint.art, self._ends, self._ends[1:], strict=False):
+        for art, first, end in zip(tint.art, self._embree.first, self._embree.first[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
             if on_art.any():
                 albedo[on_art] = 0.0
