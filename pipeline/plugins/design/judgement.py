@@ -114,8 +114,8 @@ def _over_depth(
     camera, (x_mm, y_mm, own) = ready.camera, zip(*ready.rig.middles, strict=True)
     assert camera.microlenses is not None
     rays = ready.rays(*ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm])).T, accuracy_px=_ACCURACY_PX)
-    places = np.stack([rays.at_distance(z) for z in z_mm], axis=1)
-    projections = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in places]
+    points_mm = np.stack([rays.at_distance(z) for z in z_mm], axis=1)
+    projections = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in points_mm]
     blur_px, px_per_mm = np.full((2, len(z_mm), len(own)), np.nan)
     for kind, (rows, cell) in enumerate(zip(projections, own, strict=True)):
         is_central = (rows.microlens == ready.rig.axial[cell]).all(axis=1)
@@ -163,8 +163,8 @@ def _over_field(ready: ReadyCamera) -> list[FieldRow]:
     assert images is not None
     pitch_mm = tracer.camera.sensor.pitch_mm
     centres = images.centre_mm
-    places = _FIELDS[:, None] * tracer.camera.sensor.farthest_corner_mm
-    rows = np.unique(images.nearby.nearest(places)[1][:, 0])
+    positions_mm = _FIELDS[:, None] * tracer.camera.sensor.farthest_corner_mm
+    rows = np.unique(images.nearby.nearest(positions_mm)[1][:, 0])
     light = micro_light(tracer, images, rows=rows)
     reach = light.pupil_mm
     across = (reach + np.roll(reach, reach.shape[1] // 2, axis=1)) / pitch_mm
@@ -195,9 +195,9 @@ def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
     rows = np.flatnonzero(np.hypot(*vertex_mm.T) < _NEAR_AXIS * array.pitch_mm)
     diameter_px = array.pitch_mm / camera.sensor.pitch_mm
     views = diameter_px / 4 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    places = (ready.rig.tracer.pixels_at(images.centre_mm[rows])[:, None] + views).reshape(-1, 2)
+    positions_px = (ready.rig.tracer.pixels_at(images.centre_mm[rows])[:, None] + views).reshape(-1, 2)
     microlens = np.repeat(-vertex_mm[rows] / array.pitch_mm, len(views), axis=0)  # turned by 180 degrees, as the image
-    rays = ready.rays(*places.T, accuracy_px=_ACCURACY_PX)
+    rays = ready.rays(*positions_px.T, accuracy_px=_ACCURACY_PX)
     lit = np.isfinite(rays.direction).all(axis=1)
     terms = np.stack([microlens[lit].ravel(), np.tile(views, (len(rows), 1))[lit].ravel()], axis=1)
     ends = np.stack([rays.at_distance(z)[lit, :2].ravel() for z in z_mm[[0, -1]]], axis=1)

@@ -28,7 +28,7 @@ def write(material: Material, folder: Path) -> None:
     sizes = {camera.name: camera.size_px for camera in material.cameras}
     images = {view.image: view.camera for view in material.views}
     names = [target.name for target in material.targets]
-    places = list(images)
+    paths = list(images)
     content: Json = {"info": {"description": "\n".join(material.remarks)}, "licenses": []}
     content["images"] = [
         {"id": number, "file_name": image, "width": sizes[camera][0], "height": sizes[camera][1]}
@@ -42,7 +42,7 @@ def write(material: Material, folder: Path) -> None:
     shown = [view for view in material.views if len(view.observations.ids)]
     boxes = [box for camera in material.cameras for box in _boxes(material, camera, folder)]
     content["annotations"] = [
-        {"id": number, "image_id": places.index(view.image) + 1, "category_id": names.index(view.target) + 1}
+        {"id": number, "image_id": paths.index(view.image) + 1, "category_id": names.index(view.target) + 1}
         | _annotation(view, len(material.target(view.target).points))
         | box
         for number, (view, box) in enumerate(zip(shown, boxes, strict=True), 1)
@@ -68,9 +68,9 @@ def _boxes(material: Material, camera: ExportCamera, folder: Path) -> Iterator[J
 def _annotation(view: ExportView, points: int) -> Json:
     """Keypoints of a target, three numbers each."""
     rows = view.observations
-    places = view.observations.positions
+    positions = rows.positions
     visibility = view.built.correspondences.visibility[rows.rows]
     keypoints = np.zeros((points, 3))
-    keypoints[rows.ids] = np.column_stack([places, np.where(visibility >= _VISIBLE, 2, 1)])
+    keypoints[rows.ids] = np.column_stack([positions, np.where(visibility >= _VISIBLE, 2, 1)])
     flat = [number for x, y, flag in keypoints.tolist() for number in (x, y, int(flag))]
     return {"keypoints": flat, "num_keypoints": len(rows.ids), "iscrowd": 0}

@@ -23,11 +23,8 @@ _COEFFICIENTS = 14
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
-        (width, height), f, coefficients = (
-            camera.size_px,
-            camera.model.principal_distance_px,
-            camera.model.distortion.tolist(),
-        )
+        width, height = camera.size_px
+        f, coefficients = camera.model.principal_distance_px, camera.model.distortion.tolist()
         cx, cy = camera.model.principal_point_px.tolist()
         record = {
             "type": "opencv",

@@ -44,14 +44,14 @@ def _calibration(material: Material, camera: ExportCamera, views: list[ExportVie
     points = material.only_target.points
     model = camera.model
     size = np.array([camera.size_px[::-1]], float)
-    places = np.full((len(points), 2, len(views)), np.nan)
-    errors = places.copy()
+    x_px = np.full((len(points), 2, len(views)), np.nan)
+    errors = x_px.copy()
     poses = [view.pose.numbers for view in views if view.pose]
     for number, view in enumerate(views):
         assert view.camera_from_target is not None
         ids = view.observations.ids
-        places[ids, :, number] = view.observations.positions
-        errors[ids, :, number] = model.projected(apply(view.camera_from_target, points[ids])) - places[ids, :, number]
+        x_px[ids, :, number] = view.observations.positions
+        errors[ids, :, number] = model.projected(apply(view.camera_from_target, points[ids])) - x_px[ids, :, number]
     k1, k2, p1, p2, k3 = camera.brown
     parameters = {
         "RadialDistortion": [[k1, k2, k3]],
@@ -66,8 +66,8 @@ def _calibration(material: Material, camera: ExportCamera, views: list[ExportVie
         "TranslationVectors": np.array(poses).reshape(-1, 6)[:, 3:],
         "ReprojectionErrors": errors,
         "K": model.matrix,
-        "DetectedKeypoints": np.isfinite(places[:, 0]),
+        "DetectedKeypoints": np.isfinite(x_px[:, 0]),
     }
     frames = np.array([[view.frame] for view in views], float)
-    around = {"imagePoints": places, "worldPoints": points[:, :2], "imageSize": size, "frames": frames}
+    around = {"imagePoints": x_px, "worldPoints": points[:, :2], "imageSize": size, "frames": frames}
     return {"cameraParams": parameters, **around}

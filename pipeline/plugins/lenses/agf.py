@@ -22,7 +22,7 @@ _EXPONENTS = {
 """Powers of the wavelength after the constant of n^2, by the number of the formula."""
 _SELLMEIER = {2: 6, 6: 8, 11: 10}
 """Numbers of coefficients of Sellmeier's formulas: pairs of strength and squared resonance."""
-_OTHERS = {3: "Herzberger", 4: "Sellmeier 2", 5: "Conrady", 7: "Handbook of Optics 1", 8: "Handbook of Optics 2"}
+_UNSUPPORTED = {3: "Herzberger", 4: "Sellmeier 2", 5: "Conrady", 7: "Handbook of Optics 1", 8: "Handbook of Optics 2"}
 
 
 def read_agf(path: str | Path, raw: bytes | None = None) -> dict[str, Callable[[], Named]]:
@@ -50,7 +50,7 @@ def _glass(path: str | Path, rows: dict[str, list[str]]) -> Named:
     low_um, high_um = (number(path, line, word, f"LD of {name}") for word in [*rows.get("LD", ()), "0", "1e6"][:2])
     text = _text(int(kind), coefficients)
     if not text:
-        shown = f"{kind:g}, {_OTHERS.get(int(kind), 'unknown')}, which we do not have"
+        shown = f"{kind:g}, {_UNSUPPORTED.get(int(kind), 'unknown')}, which we do not have"
         raise UnreadableLens(path, f"glass {name} has the dispersion formula {shown}", line=line)
     glass = medium(glass=text, index=None, abbe=None, wavelength_nm=D_LINE_NM)
     glass = replace(glass, label=f"{name} of {Path(path).name}", min_nm=1000 * low_um, max_nm=1000 * high_um)

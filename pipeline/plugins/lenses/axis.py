@@ -61,20 +61,20 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
         return not np.round([*there[:2, 3], *there[:2, 2]], _DIGITS).any()
 
     axis = max(frames[:-1], key=lambda one: sum(is_on(one, other) for other in frames[:-1]))
-    places = [_position(inverse(axis) @ one) for one in frames]
+    positions = [_position(inverse(axis) @ one) for one in frames]
     surfaces = []
     for i, surface in enumerate(lens.surfaces):
-        (x, y, z), (*tilt_deg, roll_deg) = places[i]
+        (x, y, z), (*tilt_deg, roll_deg) = positions[i]
         if surface.is_cylinder and roll_deg % 180:
             raise UnreadableLens(path, f"surface {i + 1} is a cylinder, turned about the axis by {roll_deg:g} degrees")
         turned_deg = surface.aperture_rotation_deg + (roll_deg if surface.half_widths_mm else 0.0)
-        gap_mm = round(places[i + 1][0][2] - z, _DIGITS)
+        gap_mm = round(positions[i + 1][0][2] - z, _DIGITS)
         placed = replace(surface, thickness_mm=gap_mm, decentre_mm=(x, y), tilt_deg=(tilt_deg[0], tilt_deg[1]))
         surfaces.append(replace(placed, aperture_rotation_deg=turned_deg))
     off = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
     shown = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
     lost = [Lost(statement=shown)] if off else []
-    (x, y, _), (about_x, about_y, _) = places[-1]
+    (x, y, _), (about_x, about_y, _) = positions[-1]
     if any((x, y, about_x, about_y)):
         statement = (
             f"the image plane is {x:g}, {y:g} mm off the axis, turned by {about_x:g} and {about_y:g} degrees about x, y"

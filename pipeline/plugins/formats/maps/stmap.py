@@ -86,8 +86,8 @@ def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
 
 def _rows(camera: ExportCamera, there: There, first: int, end: int) -> np.ndarray:
     """Rows of a map: s and t of each pixel's source."""
-    places = camera.rays.positions(there(_pixels(camera, first, end)))
-    return np.where(np.isnan(places), _NOWHERE, places).reshape(end - first, -1, 2)
+    shares = camera.rays.positions(there(_pixels(camera, first, end)))
+    return np.where(np.isnan(shares), _NOWHERE, shares).reshape(end - first, -1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,8 +140,8 @@ def _ideal_map(camera: ExportCamera) -> _IdealMap:
     for margin in (_MARGIN, 0.0):
         low, high = -0.5 - margin * size, size - 0.5 + margin * size
         x, y = (np.linspace(low[axis], high[axis], count) for axis, count in enumerate((_COLUMNS, _ROWS)))
-        places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-        shift = _traced(camera, pinhole, z_mm, places) - places
+        x_px = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+        shift = _traced(camera, pinhole, z_mm, x_px) - x_px
         if np.isfinite(shift).all():
             break
     else:
@@ -160,6 +160,6 @@ def _traced(camera: ExportCamera, pinhole: BuiltPinhole, z_mm: float, x_px: np.n
 def _error_px(camera: ExportCamera, ideal: _IdealMap) -> float:
     """Largest difference of the map from traced rays at positions between those that made it."""
     size = np.array(camera.size_px, float)
-    places = np.random.default_rng(1).uniform(np.full(2, -0.5), size - 0.5, (_JUDGED, 2))
-    apart = ideal.to_ideal(places) - _traced(camera, ideal.pinhole, ideal.z_mm, places)
+    x_px = np.random.default_rng(1).uniform(np.full(2, -0.5), size - 0.5, (_JUDGED, 2))
+    apart = ideal.to_ideal(x_px) - _traced(camera, ideal.pinhole, ideal.z_mm, x_px)
     return float(np.hypot(*apart.T).max())

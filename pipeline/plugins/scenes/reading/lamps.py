@@ -355,9 +355,9 @@ def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bo
     if not len(sample):
         return True
     pose = np.array(frame.world_from_target[target.name])
-    places, fronts = apply(pose, points.position_mm[sample]), points.plane_axes[sample][:, :, 2] @ pose[:3, :3].T
+    points_mm, fronts = apply(pose, points.position_mm[sample]), points.plane_axes[sample][:, :, 2] @ pose[:3, :3].T
     return any(
-        shines(lamps[path], np.array(matrix), places, fronts)
+        shines(lamps[path], np.array(matrix), points_mm, fronts)
         for path, matrix in frame.world_from_lamp.items()
         if path in lamps
     )

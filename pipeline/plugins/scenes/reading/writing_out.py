@@ -91,7 +91,7 @@ class _Instance:
 
     prototype: Sdf.Path
     poses: dict[float, Gf.Matrix4d] = field(default_factory=dict)
-    places: dict[float, int] = field(default_factory=dict)
+    indices: dict[float, int] = field(default_factory=dict)
 
 
 def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
@@ -116,7 +116,7 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
                 if not all(map(math.isfinite, chain(*pose))):
                     raise ValueError
                 instance = found.setdefault((identity, number), _Instance(prototypes[number]))
-                instance.poses[float(frame)], instance.places[float(frame)] = pose, index
+                instance.poses[float(frame)], instance.indices[float(frame)] = pose, index
     return list(found.values())
 
 
@@ -133,7 +133,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
         if child.IsA(UsdGeom.Imageable) or not child.GetTypeName()
     }
     # Primvars of the instancer with a value for each instance.
-    count = {frame: max(each.places.get(frame, -1) for each in instances) + 1 for frame in frames}
+    count = {frame: max(each.indices.get(frame, -1) for each in instances) + 1 for frame in frames}
     colours, problems = [], []
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
         if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
@@ -161,7 +161,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
             for name, kind, values in colours:
                 attribute = Sdf.AttributeSpec(placed, name, kind)
                 attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
-                of_frame = {frame: type(values[frame])([values[frame][at]]) for frame, at in instance.places.items()}
+                of_frame = {frame: type(values[frame])([values[frame][at]]) for frame, at in instance.indices.items()}
                 attribute.default = first = next(iter(of_frame.values()))
                 for frame, value in of_frame.items() if any(each != first for each in of_frame.values()) else ():
                     layer.SetTimeSample(attribute.path, frame, value)
