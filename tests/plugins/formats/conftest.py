@@ -23,17 +23,14 @@ def output(out):
 
 @pytest.fixture(autouse=True)
 def sights_of_pretended_builds(monkeypatch):
-    traced = export.sight_of
+    def stand_in(name, pretended):
+        real = getattr(export, name)
 
-    def sight(out, name):
-        stage = json.loads((out / "manifest.json").read_text())["stage"]
-        return PinholeSight() if stage.startswith("pretended") else traced(out, name)
+        def chosen(out, *camera):
+            stage = json.loads((out / "manifest.json").read_text())["stage"]
+            return pretended() if stage.startswith("pretended") else real(out, *camera)
 
-    monkeypatch.setattr(export, "sight_of", sight)
-    beheld = export.scene_of
+        monkeypatch.setattr(export, name, chosen)
 
-    def scene(out):
-        stage = json.loads((out / "manifest.json").read_text())["stage"]
-        return SlantedScene() if stage.startswith("pretended") else beheld(out)
-
-    monkeypatch.setattr(export, "scene_of", scene)
+    stand_in("sight_of", PinholeSight)
+    stand_in("scene_of", SlantedScene)

@@ -231,6 +231,8 @@ def check_nerfstudio(folder: Path, scene: Scene) -> None:
 
 
 def check_parquet(folder: Path, scene: Scene) -> None:
+    remarks = pd.read_parquet(folder / "Left.poses.parquet").attrs["remarks"]
+    assert any("image positions in px" in line for line in remarks)
     _check_tables(lambda name: pd.read_parquet(folder / f"{name}.parquet"), scene)
 
 

@@ -137,10 +137,8 @@ def test_bop_toolkit_loads_it_and_projects_points_and_distances(built, tmp_path,
     inout, misc = (importlib.import_module(f"bop_toolkit_lib.{name}") for name in ("inout", "misc"))
     (folder,) = export.export(built, ["bop"], tmp_path)
     place = folder / "000000"
-    camera, poses = (
-        inout.load_scene_camera(place / "scene_camera.json")[7],
-        inout.load_scene_gt(place / "scene_gt.json")[7],
-    )
+    camera = inout.load_scene_camera(place / "scene_camera.json")[7]
+    poses = inout.load_scene_gt(place / "scene_gt.json")[7]
     for entry, (_, pose) in zip(poses, sorted(POSES.items()), strict=True):
         seen = misc.project_pts(board_mm(), camera["cam_K"], entry["cam_R_m2c"], entry["cam_t_m2c"])
         truth = (board_mm() @ pose[:3, :3].T + pose[:3, 3]) @ K.T

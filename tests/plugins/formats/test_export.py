@@ -95,14 +95,6 @@ def test_tables_without_their_libraries_say_what_to_install(command, out, tmp_pa
     assert list((tmp_path / "exports/out").iterdir()) == []
 
 
-def test_parquet_holds_the_remarks(out, tmp_path):
-    import pandas as pd
-
-    (folder,) = export(open_output(out), ["parquet"], tmp_path)
-    remarks = pd.read_parquet(folder / "Left.poses.parquet").attrs["remarks"]
-    assert any("image positions in px" in line for line in remarks)
-
-
 def test_other_positions_of_a_point_get_a_folder_of_their_own(command, tmp_path):
     out = write_build(tmp_path / "out", Scene())
     for table in out.rglob("correspondences.csv"):

@@ -132,10 +132,8 @@ def test_kalibr_sees_each_corner_at_the_stamp_and_the_delay_of_its_row(order, tm
     (folder,) = export(output, ["kalibr"], tmp_path)
     text = (folder / "camchain.yaml").read_text()
     assert "positions are those at the times of their lines" in text
-    chain, stamps_s = (
-        yaml.safe_load(text),
-        [float(stamp) for stamp in re.findall(r"time code of its frame: (\S+) s", text)],
-    )
+    chain = yaml.safe_load(text)
+    stamps_s = [float(stamp) for stamp in re.findall(r"time code of its frame: (\S+) s", text)]
     corners = read_table(folder / "corners.csv")
     frame, camera, point = (corners.numbers(name).astype(int) for name in ("frame", "camera", "point"))
     pixels = np.stack([corners.numbers("x_px"), corners.numbers("y_px")], axis=1)

@@ -14,11 +14,8 @@ from pipeline.files.tables import read_table
 from pipeline.scene.load import open_dataset
 
 _ASKED = 'uniform token[] plen:exports = ["ncore"]\n'
-_ROWS, _MODEL, _SIDE = (
-    "frames/0001/Rig.Camera/correspondences.csv",
-    "exports/ncore/Rig.Camera.json",
-    "exports/ncore/export.json",
-)
+_ROWS = "frames/0001/Rig.Camera/correspondences.csv"
+_MODEL, _SIDE = "exports/ncore/Rig.Camera.json", "exports/ncore/export.json"
 _CYLINDER = "double plen:radius", "uniform bool plen:cylindrical = 1\ndouble plen:radius"
 PANES = {
     "flat": window(-200.0, turn="(25, -20, 10)"),

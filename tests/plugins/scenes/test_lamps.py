@@ -178,11 +178,8 @@ def to_a_parallel_square(half_mm: float, beside_mm: float, distance_mm: float) -
         a, b = math.hypot(1.0, x), math.hypot(1.0, y)
         return (x / a * math.atan(y / a) + y / b * math.atan(x / b)) / (2.0 * math.pi)
 
-    left, right, half = (
-        (beside_mm - half_mm) / distance_mm,
-        (beside_mm + half_mm) / distance_mm,
-        half_mm / distance_mm,
-    )
+    left, right = (beside_mm - half_mm) / distance_mm, (beside_mm + half_mm) / distance_mm
+    half = half_mm / distance_mm
     return 2.0 * (corner(right, half) - corner(left, half))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from plugins.scenes.lit import lamp, looked, scene, towards
+from plugins.scenes.stage_materials import material_text
 from stage_text import in_the_library, mesh_text, placed
 
 import pipeline
@@ -38,21 +39,7 @@ SUN = """
 SQUARE = [(-50, -50, -500), (50, -50, -500), (50, 50, -500), (-50, 50, -500)]
 PLACES = 'texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")'
 WALL = mesh_text("Wall", SQUARE, PLACES, "%s", schemas="MaterialBindingAPI")
-SURFACE = """
-    def Material "Paper"
-    {
-        token outputs:surface.connect = </Scene/Paper/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            float inputs:ior = 1
-            %s
-            token outputs:surface
-        }
-        %s
-    }
-"""
+SURFACE = material_text("/Scene/Paper", "float inputs:ior = 1", "%s", beside="%s")
 PICTURE = """
         def Shader "Picture%s"
         {

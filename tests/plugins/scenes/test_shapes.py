@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builds import made
+from plugins.scenes.stage_materials import material_text
 from pxr import Gf, Usd, UsdGeom
 from stage_text import head, in_the_library, mesh_text, placed, stage_in
 
@@ -76,7 +77,7 @@ def test_a_build_refines_a_mesh_once_and_its_channels_share_the_triangles(tmp_pa
     stage.write_text(stage.read_text().replace(rig, rig + sensor + lens))
     result = made(stage, tmp_path / "out", tmp_path / "store", preview=True)
     assert sum(task.name.startswith("image/") for task in result.tasks) == 3
-    of_mesh = [corners for ((corners,),) in trees if len(corners) > 1000]  # kernels are compiled by a tiny scene
+    of_mesh = [mesh for (meshes,) in trees for mesh in meshes if len(mesh) > 1000]  # a tiny scene compiles kernels
     assert (len(refined), len(of_mesh)) == (1, 1)
 
 
@@ -85,24 +86,21 @@ KINDS = ("PointInstancer", "instances", "references")
 
 def many(kind: str, count: int, ball: str = "", more: str = "") -> str:
     """A ball in many places, with something in it, and something more in the place before the last one."""
-    places = [f"({k}, 0, 0)" for k in range(count)]
     one = f'Xform "One"\n{{\ndef Sphere "Ball"\n{{\n{ball}\n}}\n}}\n'
     if kind == "PointInstancer":
         two = f'def "Two" (\nreferences = </Scene/Things/Many/One>\n)\n{{\n{more}\n}}\n' if more else ""
-        prototypes, which = "</Scene/Things/Many/Two>, </Scene/Things/Many/One>", [1] * (count - 1) + [0]
+        prototypes = ", ".join(f"</Scene/Things/Many/{name}>" for name in ("One", "Two")[: 2 if more else 1])
+        which = [int(bool(more) and k == count - 2) for k in range(count)]
         return (
-            f'def PointInstancer "Many"\n{{\nrel prototypes = [{prototypes if two else prototypes.split(", ")[1]}]\n'
-            f"int[] protoIndices = {which if two else [0] * count}\npoint3f[] positions = [{', '.join(places)}]\n"
+            f'def PointInstancer "Many"\n{{\nrel prototypes = [{prototypes}]\n'
+            f"int[] protoIndices = {which}\npoint3f[] positions = {[(k, 0, 0) for k in range(count)]}\n"
             f"def {one}{two}}}\n"
         )
-    at, is_shared = (
-        'double3 xformOp:translate = {}\nuniform token[] xformOpOrder = ["xformOp:translate"]',
-        kind == "instances",
-    )
+    is_shared = "true" if kind == "instances" else "false"
     own = (
-        f'def "I{k}" (\ninstanceable = {"true" if is_shared else "false"}\nreferences = </Scene/Things/One>\n)\n'
-        f"{{\n{at.format(place)}\n{more * (k == count - 2)}\n}}\n"
-        for k, place in enumerate(places)
+        f'def "I{k}" (\ninstanceable = {is_shared}\nreferences = </Scene/Things/One>\n)\n'
+        f"{{\n{placed(k, 0, 0)}\n{more * (k == count - 2)}\n}}\n"
+        for k in range(count)
     )
     return f"class {one}{''.join(own)}"
 
@@ -439,18 +437,7 @@ def test_what_has_no_effect_on_a_thing_is_named(schema: str, line: str, name: st
     assert [(each.code, each.at) for each in loaded.problems] == [("not-drawn", f"/Scene/Things/Ball.{name}")]
 
 
-RED = """def Material "Red"
-    {
-        token outputs:surface.connect = </Scene/Things/Red/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor = (1, 0, 0)
-            token outputs:surface
-        }
-    }
-    """
+RED = material_text("/Scene/Things/Red", "color3f inputs:diffuseColor = (1, 0, 0)")
 
 
 @pytest.mark.parametrize("is_collection", [False, True])

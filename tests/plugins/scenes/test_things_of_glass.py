@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from plugins.scenes.lit import block, looked, plate
+from plugins.scenes.stage_materials import material_text
 from plugins.scenes.test_lighting import SUN, lit, loaded
 from tolerances import LIT_ERRORS
 
@@ -19,24 +20,9 @@ BALL = """
         double3 xformOp:translate = (0, 0, -500)
         uniform token[] xformOpOrder = ["xformOp:translate"]
     }
-
-    def Material "Clear" (
-        prepend apiSchemas = ["PlenGlassAPI"]
-    )
-    {
-        %s
-        token outputs:surface.connect = </Scene/Clear/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            float inputs:opacity = 0.1
-            float inputs:roughness = 0
-            %s
-            token outputs:surface
-        }
-    }
-"""
+""" + material_text(
+    "/Scene/Clear", "float inputs:opacity = 0.1", "float inputs:roughness = 0", "%s", own="%s", schemas="PlenGlassAPI"
+)
 SKY = """
     def DomeLight "Sky"
     {

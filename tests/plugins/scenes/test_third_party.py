@@ -9,6 +9,8 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from plugins.scenes.stage_materials import material_text
+from plugins.scenes.test_shapes import ARM
 from pxr import Sdf, Usd, UsdGeom, UsdUtils
 from stage_text import edited, head, in_the_library, mesh_text, placed, stage_in
 from tolerances import SINGLE
@@ -31,20 +33,12 @@ def Xform "Man" (
 }
 """
 BODY = mesh_text("Body", [(0, 0, 0), (0.4, 0, 0), (0, 0, 1.8)], PLACES, "%s", schemas="MaterialBindingAPI")
-PAINT = """
-    def Material "Paint"
-    {
-        asset inputs:picture = @%s@
-        token outputs:surface.connect = </Man/Paint/Surface.outputs:surface>
-
-        def Shader "Surface"
-        {
-            uniform token info:id = "UsdPreviewSurface"
-            color3f inputs:diffuseColor.connect = </Man/Paint/Picture.outputs:rgb>
-            float inputs:roughness.connect = </Man/Paint/Picture.outputs:g>
-            token outputs:surface
-        }
-
+PAINT = material_text(
+    "/Man/Paint",
+    "color3f inputs:diffuseColor.connect = </Man/Paint/Picture.outputs:rgb>",
+    "float inputs:roughness.connect = </Man/Paint/Picture.outputs:g>",
+    own="asset inputs:picture = @%s@",
+    beside="""
         def Shader "Picture"
         {
             uniform token info:id = "UsdUVTexture"
@@ -61,8 +55,8 @@ PAINT = """
             string inputs:varname = "st"
             float2 outputs:result
         }
-    }
-"""
+""",
+)
 BOUND = "rel material:binding = </Man/Paint>"
 METRES = head("Man", unit="1").replace('"Y"', '"Z"')
 CONVERTED = """double xformOp:rotateX:unitsResolve = -90
@@ -584,41 +578,13 @@ def test_a_material_outside_of_the_referenced_prim_is_named_and_the_hint_brings_
     assert load(path).dataset.occluders[0].finish.materials[0].diffuse_color.texture is None
 
 
-BONES = """def SkelRoot "Man" (
-    prepend apiSchemas = ["SkelBindingAPI"]
-)
-{
-    rel skel:skeleton = </Man/Bones>
-    rel skel:animationSource = </Man/Moves>
-    def Skeleton "Bones" (
-        prepend apiSchemas = ["SkelBindingAPI"]
-    )
-    {
-        uniform token[] joints = ["Root"]
-        uniform matrix4d[] bindTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
-        uniform matrix4d[] restTransforms = [((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]
-    }
-    def SkelAnimation "Moves"
-    {
-        uniform token[] joints = ["Root"]
-        float3[] translations = [(5, 0, 0)]
-        quatf[] rotations = [(1, 0, 0, 0)]
-        half3[] scales = [(1, 1, 1)]
-    }
-"""
-
-
 @pytest.mark.parametrize(
-    ("kind", "codes", "x_mm"), [("", [], 5.0), ("SkelRoot", [], 5.0), ("Xform", ["not-drawn"], 0.0)]
+    ("kind", "codes", "z_mm"), [("", [], 0.5), ("SkelRoot", [], 0.5), ("Xform", ["not-drawn"], 0.0)]
 )
-def test_a_SkelRoot_that_another_type_covers_is_told_of(tmp_path, kind, codes, x_mm):
-    own = [
-        f'{values} (elementSize = 1\ninterpolation = "vertex")'
-        for values in ("int[] primvars:skel:jointIndices = [0, 0, 0]", "float[] primvars:skel:jointWeights = [1, 1, 1]")
-    ]
-    skin = mesh_text("Skin", [(0, 0, 0), (2, 0, 0), (0, 2, 0)], *own, schemas="SkelBindingAPI")
-    loaded = load(untyped(written(tmp_path, f"{head('Man')}{BONES}{skin}}}\n", ""), kind))
+def test_a_SkelRoot_that_another_type_covers_is_told_of(tmp_path, kind, codes, z_mm):
+    man = ARM.replace("/Scene/Things/Hero", "/Man").replace("Hero", "Man")
+    loaded = load(untyped(written(tmp_path, head("Man") + man, ""), kind))
     assert [code for code, _ in told(loaded)] == codes
-    assert loaded.dataset.occluders[0].occluder.vertices_mm[0][0] == x_mm
+    assert loaded.dataset.occluders[0].occluder.vertices_mm[0][2] == pytest.approx(z_mm)
     for problem in loaded.problems:
         assert 'def "Man"' in problem.hint and problem.file.endswith("dataset.usda")
