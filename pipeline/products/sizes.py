@@ -237,8 +237,9 @@ def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[
         costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
         tasks, seconds = (three + (frames - 3) * (four - three) for three, four in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
+        passes = ", without further passes for the noise" if any(entry.image_noise for entry, _ in sizes) else ""
         job = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
-        return [f"{job}: about {duration(seconds)} of processor time{sooner}"]
+        return [f"{job}: about {duration(seconds)} of processor time{passes}{sooner}"]
     lines = []
     for entry, size_px in sizes:
         sensor, rays = entry.asked.sensor, entry.image_samples * max(1, len(entry.channels))

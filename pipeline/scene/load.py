@@ -12,7 +12,6 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.check.budgets import check_rays
 from pipeline.scene.check.stage import check, check_numbers
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
 from pipeline.scene.edits import Written, written_on
@@ -145,7 +144,6 @@ def _doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...], dataset: Dataset
     messages = UsdUtils.CoalescingDiagnosticDelegate()
     problems = list(check_doubts(stage, cameras))
     if dataset and not any(problem.is_error for problem in problems):
-        problems += check_rays(stage, dataset)
         problems += check_seen(stage, dataset)
         problems += [*scene_reader().check_shone(stage, dataset), *check_speeds(stage, dataset)]
     messages.TakeUncoalescedDiagnostics()

@@ -21,13 +21,14 @@ from pipeline.errors import PipelineError
 from pipeline.files.exr import read_exr
 from pipeline.files.jsonfile import read_json
 from pipeline.files.tables import read_table
-from pipeline.scene.check.budgets import rays_of
+from pipeline.limits import MOST_SAMPLES
+from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.load import Loaded, load
 
 CHECK_S, BUILD_S = 10.0, 60.0
 """Processor time that the check of a stage may take, and a build of a small scene [s]."""
 MOST_RAYS = 1e8
-"""Stages that ask for more rays are not built: they may take long, and `check` warns of hours."""
+"""Stages that ask for more rays are not built: they may take long, and `check` says how long."""
 _PYTHONS_OWN = re.compile(r"^[A-Za-z]+(Error|Exception|Interrupt|Warning)\b", re.MULTILINE)
 """The last line of a traceback that no error of ours ends: those carry the name of their module."""
 
@@ -65,10 +66,20 @@ def check(attempt: Attempt, folder: Path, wrong: list[str]) -> Loaded | None:
     return None if loaded.errors else loaded
 
 
+def _most_rays(camera: CameraEntry, frames: int) -> float:
+    """Rays of all images of a camera, white ones included, and of its position images."""
+    pixels = float(camera.asked.sensor.width_px) * camera.asked.sensor.height_px
+    samples = float(camera.image_samples)
+    if camera.image_noise is not None:
+        samples = max(samples, min(MOST_SAMPLES, 0.25 / camera.image_noise**2))
+    of_positions = camera.sampling.supersampling**2 * camera.sampling.samples if camera.truth.searches else 0
+    return pixels * (samples * (1 + len(camera.f_numbers) + frames) + of_positions)
+
+
 def build(attempt: Attempt, loaded: Loaded, folder: Path, wrong: list[str]) -> None:
     """Build what the check accepted, and read every file that comes out."""
     dataset = loaded.dataset
-    if dataset is None or sum(sum(rays_of(camera, len(dataset.frames))) for camera in dataset.cameras) > MOST_RAYS:
+    if dataset is None or sum(_most_rays(camera, len(dataset.frames)) for camera in dataset.cameras) > MOST_RAYS:
         return
     out, start = folder / "out", time.process_time()
     try:
