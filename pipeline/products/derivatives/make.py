@@ -4,17 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.camera.rig import Rig
 from pipeline.files.npy import write_npz
 from pipeline.files.tables import read_table
 from pipeline.products.cameras import Inputs, focused_camera, rig_of
-from pipeline.products.certificate.make import cells_of
-from pipeline.products.derivatives.params import DERIVATIVES, SIDES, RowDerivatives, SeenTargets
-from pipeline.products.surroundings import placed_target
-from pipeline.products.truth.table import PosedPoints
+from pipeline.products.certificate.make import cells_of, planes_of
+from pipeline.products.derivatives.params import DERIVATIVES, SIDES, RowDerivatives
 from pipeline.truth.derivatives import Neighbour, SolvedRows, Variation
 from pipeline.truth.derivatives import derivatives as rates_of
-from pipeline.truth.planes import Planes
 
 _REMARKS = (
     "row i is row i of correspondences.csv, entry j is that of names[j]; by a unit of units[j]",
@@ -48,13 +44,13 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
         arrays["blur_px2"] = np.full((rows, numbers, 2, 2), np.nan)
     cells = cells_of(rig, table)
     for index, entry in enumerate(params.nominal.targets):
-        planes = _planes(params.nominal, index, rig)
+        planes = planes_of(rig, entry, params.nominal.shutter)
         variations = [
             Variation(
                 number.step,
                 *(
-                    Neighbour(tracer, planes if targets is None else _planes(targets, index, rig))
-                    for tracer, targets in zip(of_number, (number.less, number.more), strict=True)
+                    Neighbour(tracer, planes if at is None else planes_of(rig, at.targets[index], at.shutter))
+                    for tracer, at in zip(of_number, (number.less, number.more), strict=True)
                 ),
             )
             for number, of_number in zip(params.numbers, tracers, strict=True)
@@ -65,11 +61,3 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
         for name in set(arrays) - {"names", "units"}:
             arrays[name][of_target] = getattr(rates, name)
     write_npz(out / DERIVATIVES, (*_REMARKS, *([_REMARK_OF_BLUR] if params.with_blur else [])), arrays)
-
-
-def _planes(view: SeenTargets, index: int, rig: Rig) -> Planes:
-    """Tangent planes of the points of a target, by its place among those that are seen."""
-    entry = view.targets[index]
-    target, pose = placed_target(entry)
-    posed = PosedPoints(entry.name, target.points(), pose)
-    return posed.before(rig, view.shutter, entry.motion)
