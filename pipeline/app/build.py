@@ -95,8 +95,8 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview:
     destination = folder_of(destination) if preview and not out else destination
     dataset = require_dataset(loaded, path)
     dataset = preview_of(dataset) if preview else dataset
-    graph, files, certificates = graph_of(dataset)
-    files["dataset.usda"] = loaded.flattened.encode()
+    draft = graph_of(dataset)
+    draft.files["dataset.usda"] = loaded.flattened.encode()
     head = {
         "stage": f"{path.name} </{dataset.stage_name}>",
         "conventions": CONVENTIONS,
@@ -104,12 +104,12 @@ def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview:
         "seeds": {"dataset": dataset.seed},
     }
     project = Project(
-        graph=graph,
-        files=files,
+        graph=draft.graph,
+        files=draft.files,
         head=head,
         findings={
-            "certificate": certificates,
-            "points": {name: (task, "points.json") for name, (task, _) in certificates.items()},
+            "certificate": draft.certificates,
+            "points": {name: (task, "points.json") for name, (task, _) in draft.certificates.items()},
         },
         out=destination,
         stage_id=str(path.resolve()),
@@ -305,7 +305,7 @@ def _compiled_apart(steps: tuple[str, ...]) -> bool:
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
     """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles whatever else is missing."""
     steps = {"lens"}
-    for task in tasks:
+    for task in tasks:  # of which parameters are read as they are: records of thousands of tasks would take seconds
         steps.add(_STEP_OF_KIND.get(task.product, "lens"))
         if task.short_kind == "camera":
             array, surfaces = task.params["microlenses"], task.params["prescription"]["surfaces"]

@@ -28,10 +28,10 @@ class Draft(NamedTuple):
     `painted` and `bare` are all targets and occluders of the dataset, with and without colours.
     """
 
-    dataset: Dataset
     graph: TaskGraph
     files: dict[str, Source]
     certificates: dict[str, tuple[str, str]]
+    dataset: Dataset
     painted: Things
     bare: Things
 

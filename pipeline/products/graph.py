@@ -4,9 +4,6 @@ Params hold exactly what a task reads, in the camera's own frame, so that moving
 appear only in the params of tasks that write them.
 """
 
-from typing import NamedTuple
-
-from pipeline.engine.output.deliver import Source
 from pipeline.engine.planning.graph import TaskGraph
 from pipeline.entry_points import offered, plugged_in
 from pipeline.products.camera.plan import plan_cameras
@@ -44,22 +41,13 @@ PRODUCTS = (
 """Plans of the products of the core, in an order in which tasks come after those that they read; plug-ins have more."""
 
 
-class DatasetGraph(NamedTuple):
-    """All tasks of a dataset, the sources of the files in the output folder, and the certificate of each camera."""
-
-    graph: TaskGraph
-    files: dict[str, Source]
-    certificates: dict[str, tuple[str, str]]
-
-
-def graph_of(dataset: Dataset) -> DatasetGraph:
+def graph_of(dataset: Dataset) -> Draft:
     """The tasks of a dataset, and what its build delivers."""
     is_lit = dataset.lamps or any(occluder.finish for occluder in dataset.occluders)
     things = plugged_in("scene", "things") if is_lit else Things
     painted, bare = (things(dataset, painted=painted) for painted in (True, False))
-    made = graph, files, certificates = DatasetGraph(TaskGraph(), {}, {})
-    draft = Draft(dataset, graph, files, certificates, painted, bare)
+    draft = Draft(TaskGraph(), {}, {}, dataset, painted, bare)
     plugged = [plugged_in("product", name) for name in sorted(offered("product"))]
     for plan in (*PRODUCTS, *plugged, plan_exports):
         plan(draft)
-    return made
+    return draft
