@@ -21,8 +21,8 @@ def test_frames_are_one_node(pipeline, many):
     assert sum("-->" in line for line in lines) == 3
 
 
-def test_all_tasks_and_other_formats(pipeline, many):
-    groups = json.loads(pipeline("graph", many, "--all", "--format", "json")[1])["groups"]
+def test_all_tasks_as_json(pipeline, many):
+    groups = json.loads(pipeline("graph", many, "--all", "--json")[1])["groups"]
     assert len(groups) == 303 and all(group["tasks"] == 1 for group in groups)
     lens = groups[0]
     assert (lens["name"], lens["reads"], lens["states"]) == ("lens", [], {"run": 1})

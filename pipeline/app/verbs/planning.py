@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -164,7 +164,6 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
 
 def graph(
     stage: Stage,
-    form: Annotated[Literal["mermaid", "json"], option(OUTPUT, "--format", help="Format of the output.")] = "mermaid",
     every: Annotated[
         bool, option(OUTPUT, "--all", help="Show every task, instead of one node for all frames.")
     ] = False,
@@ -178,7 +177,7 @@ def graph(
 
     project = project_of(stage, out, allow_root)
     groups = overview(project.graph, plan_of(project), collapse=not every)
-    if as_json or form == "json":
+    if as_json:
         say_json({"groups": [group.to_dict() for group in groups]})
     else:
         say("\n".join(as_mermaid(groups)))

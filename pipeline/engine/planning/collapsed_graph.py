@@ -36,7 +36,7 @@ class Node:
         return _COLOURS[next(state for state in ("run", "maybe", "cached") if self.states[state])]
 
     def to_dict(self) -> Json:
-        """Plain data, as in `graph --format json`."""
+        """Plain data, as in `graph --json`."""
         return {"name": self.name, "tasks": self.count, "states": dict(self.states), "reads": self.reads}
 
 

@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pipeline.engine.digest import key_of
 from pipeline.engine.planning.forecast import Cost, means_by_kind
 from pipeline.engine.project import Project, tasks_of
-from pipeline.engine.records import Run, TaskResult
+from pipeline.engine.records import TaskResult
 from pipeline.engine.running.driver import Outcome
 from pipeline.engine.store.store import Store
 
@@ -29,19 +29,6 @@ class _Sources:
 
     sources: tuple[Any, ...] = ()
     of: dict[str, int] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TaskLog:
-    """The last run of a task: how it ended, its log if it printed anything, and the run in its record."""
-
-    name: str
-    key: str | None
-    state: str
-    log: str | None
-    error: str | None
-    spec: str | None
-    made_by: Run | None
 
 
 def history_of(project: Project, store: Store) -> History:
@@ -101,30 +88,18 @@ def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> Non
     store.write_note("sources", _name(project), note)
 
 
-def logs_of(project: Project, target: str) -> list[TaskLog]:
-    """Facts about the last runs of the tasks that match a target."""
-    store = Store()
-    logs = []
-    keys = history_of(project, store).keys
-    ended = _ended(project, store)
+def logs_of(project: Project, target: str) -> list[TaskResult]:
+    """Ends of the last runs of the tasks that match a target, with the log if it has any text, and the run recorded."""
+    store, ends = Store(), list[TaskResult]()
+    keys, ended = history_of(project, store).keys, _ended(project, store)
     for name in tasks_of(project, target):
-        unrecorded = TaskResult(
-            name=name, kind="", state="built" if name in keys else "never built", key=keys.get(name)
-        )
-        ending = ended.get(name, unrecorded)
-        key = ending.key
-        record, log = (store.peek(key), store.path("log", key)) if key else (None, None)
-        facts = TaskLog(
-            name=name,
-            key=key,
-            state=ending.state,
-            log=str(log) if log and log.is_file() else None,
-            error=ending.error,
-            spec=ending.spec,
-            made_by=record.made_by if record else None,
-        )
-        logs.append(facts)
-    return logs
+        state = "built" if name in keys else "never built"
+        unrecorded = TaskResult(name=name, kind=project.graph[name].short_kind, state=state, key=keys.get(name))
+        end = ended.get(name, unrecorded)
+        record, log = (store.peek(end.key), store.path("log", end.key)) if end.key else (None, None)
+        has_text = log is not None and log.is_file()
+        ends.append(replace(end, log=str(log) if has_text else None, made_by=record.made_by if record else None))
+    return ends
 
 
 def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
