@@ -63,7 +63,6 @@ def bytes_of(text: str, setting: str) -> int:
 
 
 def info(store: Store) -> Inventory:
-    """Inventory of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
     pinned = filter(None, map(store.peek, pinned_keys(store)))
     kept = {blob.sha256 for record in pinned for blob in record.outputs.values()}

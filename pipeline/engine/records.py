@@ -48,7 +48,6 @@ class Components:
         return key_of(KEY_DOMAIN, fields_of(self))
 
     def digests(self) -> list[str]:
-        """Digests of all inputs."""
         return [digest for outputs in self.inputs.values() for digest in outputs.values()]
 
 

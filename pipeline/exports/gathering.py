@@ -45,7 +45,7 @@ def gather(
     Raises ExportError: the stage did not ask for that position.
     """
     views = [
-        _view(output, view, target, position)
+        _view(view, target, position)
         for camera in output.cameras.values()
         for view in camera.views
         for target in output.targets.values()
@@ -166,7 +166,7 @@ def _target(target: BuiltTarget) -> ExportTarget:
     )
 
 
-def _view(output: Output, view: BuiltView, target: BuiltTarget, position: str) -> ExportView:
+def _view(view: BuiltView, target: BuiltTarget, position: str) -> ExportView:
     table = view.correspondences
     numbers = np.flatnonzero(table.target == target.name)
     rows = table[numbers]

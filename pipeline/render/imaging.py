@@ -141,13 +141,13 @@ def irradiance(rig: Rig, samples: int, radiance: Radiance | None, rows: Rows | N
 
 
 def irradiance_and_crosstalk(
-    rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None, columns: Rows | None = None
+    rig: Rig, samples: int | Batch, radiance: Radiance | None, rows: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The image, and its part through microlenses other than that of the pixel's cell, (h, w) each: see `irradiance`.
 
     `samples`: their number, or a batch of them.
     """
-    band = Band.of(rig, rows, columns)
+    band = Band.of(rig, rows)
     batch = batch_of(samples)
     result, foreign = np.zeros((2, len(band.strata)))
     for rays in rays_of(band, batch, np.where(band.strata == SKIP, 0, batch.samples)):

@@ -11,7 +11,7 @@ from pipeline.channel_names import name_in_state
 from pipeline.motion import NODES, node_times
 from pipeline.scene.camera import read_camera_entry
 from pipeline.scene.dataset import CameraEntry
-from pipeline.scene.shutters import check_shutter, codes_per_second, read_shutter
+from pipeline.scene.shutters import check_shutter, codes_per_second, pieces_s, read_shutter
 from pipeline.scene.usd.curves import bends
 from pipeline.scene.usd.overrides import at_code, varying
 from pipeline.scene.usd.poses import frame_numbers
@@ -116,9 +116,9 @@ def _change(attribute: Usd.Attribute, code: float, opens: float, closes: float) 
     """
     margin = min(_MARGIN, (closes - opens) / 4)
     first, last = opens + margin, closes - margin
-    edges = [first, *sorted(time for time in bends([attribute], first, last) if first < time < last), last]
-    times = [*map(Usd.TimeCode, node_times(np.array(edges), NODES).ravel().tolist())]
-    times += map(Usd.TimeCode.PreTime, edges[1:-1])
+    edges = pieces_s((first, last), bends([attribute], first, last))
+    times = [*map(Usd.TimeCode, node_times(edges, NODES).ravel().tolist())]
+    times += map(Usd.TimeCode.PreTime, edges[1:-1].tolist())
     stated, values = numbers(attribute.Get(code)), [numbers(attribute.Get(time)) for time in times]
     deviations = [float(np.abs(value - stated).max(initial=0.0)) for value in values]
     farthest = values[int(np.argmax(deviations))]

@@ -87,7 +87,6 @@ def bare(target: AnyTarget) -> AnyTarget:
 
 
 def plain_from_target(target: AnyTarget) -> Json:
-    """A target as JSON values."""
     if isinstance(target, MeshTarget):
         return {"kind": target.KIND, "mesh": to_plain(target)}
     return {

@@ -32,7 +32,6 @@ class PlanePair:
         return np.stack([self.near, self.far], axis=1)
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "PlanePair":
-        """The pairs of some rows."""
         return PlanePair(self.near[rows], self.far[rows])
 
 
@@ -48,16 +47,13 @@ class Exposed:
 
     @staticmethod
     def still(planes: Float64[np.ndarray, "n 4 3"]) -> "Exposed":
-        """Planes that do not move."""
         return Exposed((PlanePair.twice(planes),), np.ones((len(planes), 1)))
 
     @property
     def first(self) -> PlanePair:
-        """The first stretch."""
         return self.stretches[0]
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Exposed":
-        """The planes of some rows."""
         return Exposed(tuple(pair.only(rows) for pair in self.stretches), self.weights[rows])
 
     @staticmethod

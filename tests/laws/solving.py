@@ -46,7 +46,7 @@ def correspond(
 ) -> Correspondences:
     """The points of one plane, in its frame: all rows that exist, with blur and error."""
     solutions, counts = find(image, points_mm, grid, settings)
-    rows = with_light(solutions, grid, pose, settings)
+    rows = with_light(solutions, grid, pose)
     return existing(dataclasses.replace(rows, counts=counts), grid, settings.min_hit_fraction)
 
 

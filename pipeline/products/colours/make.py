@@ -15,12 +15,8 @@ from pipeline.products.colours.params import SPECTRAL, ColourImage
 from pipeline.render.spectral.preview import srgb_preview
 
 _LETTERS = {"red": "R", "green": "G", "blue": "B", "mono": "Y"}
-"""Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels."""
-
-
-def letter_of(channel: str) -> str:
-    """Name of a channel in an OpenEXR file: its colour's letter, or its own."""
-    return _LETTERS.get(colour_of(channel) or channel, channel)
+"""Names that other programs expect of channels in OpenEXR files, by colours, and of a sensor without channels. Other
+channels have their own names there."""
 
 
 def colour_image(params: ColourImage, inputs: Inputs, out: Path) -> None:
@@ -29,7 +25,7 @@ def colour_image(params: ColourImage, inputs: Inputs, out: Path) -> None:
     files = [inputs[f"channel{i}"] for i in range(len(params.channels))]
     images = [np.load(of_channel[light_file(name)], mmap_mode="r") for of_channel in files]
     texts = [texts_of(of_channel[f"{name}.exr"], name) for of_channel in files]
-    letters = [letter_of(channel.name) for channel in params.channels]
+    letters = [_LETTERS.get(colour_of(channel.name) or channel.name, channel.name) for channel in params.channels]
     attributes: dict[str, str | float | int] = {
         "content": "relative irradiance of each channel: 1 is a white scene on the axis",
         **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},

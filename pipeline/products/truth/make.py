@@ -179,13 +179,10 @@ def correspondences(
     planes = posed.planes
     if not faces_camera(planes).any():
         return None
-    rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered(settings), image_of)
+    # A row's own bundle decides about its light, not its neighbour.
+    unfiltered = dataclasses.replace(settings, min_hit_fraction=0.0)
+    rows = correspond_points(posed.points, rays, posed.vision_from_target, unfiltered, image_of)
     return None if rows is None else with_own_bundles(rig, rows, planes, settings.min_hit_fraction)
-
-
-def unfiltered(settings: TruthSettings) -> TruthSettings:
-    """Settings without a least hit fraction: a row's own bundle decides about its light, not its neighbour."""
-    return dataclasses.replace(settings, min_hit_fraction=0.0)
 
 
 def _traced(

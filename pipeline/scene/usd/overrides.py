@@ -23,7 +23,6 @@ _OURS = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenWindow", "PlenChan
 
 
 def layer_of(stage: Usd.Stage, overrides: Overrides) -> Sdf.Layer:
-    """A layer with overrides of a stage."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()  # or USD scales the times of samples
     for path, samples in overrides.items():

@@ -141,9 +141,7 @@ def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) ->
     return np.stack([along_x, along_y], axis=-1)
 
 
-def with_light(
-    solutions: Solutions, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"], settings: TruthSettings
-) -> Correspondences:
+def with_light(solutions: Solutions, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"]) -> Correspondences:
     """All results of a search with light, blur and error; counts are empty."""
     covariance, ray_near, ray_far = _bundle_at(solutions, grid)
     share, _, direction = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
@@ -310,7 +308,7 @@ class _Band:
         low, high = ((row - window.first_px[1]) * k for row in (self.searched.start, self.searched.stop))
         searched = slice(max(low, 0), max(min(high, len(image)), 0))
         raw = sightings(image, plane.plane.points_mm, window, self.settings, searched)
-        lit = with_light(raw.solutions, self.rays, plane.pose, self.settings)
+        lit = with_light(raw.solutions, self.rays, plane.pose)
         return replace(lit, counts=raw.counts), raw.nearest_mm
 
 
