@@ -124,30 +124,16 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
     """Write instances below a point instancer, each a transform above a reference to its prototype; warnings of
     primvars with too few values.
     """
-    stage = prim.GetStage()
+    stage, frames = prim.GetStage(), sorted({frame for instance in instances for frame in instance.poses})
     layer, path = stage.GetSessionLayer(), prim.GetPath()
-    frames = sorted({frame for instance in instances for frame in instance.poses})
+    prototypes = {instance.prototype for instance in instances}
+    bound = {prototype: _bound_above(stage.GetPrimAtPath(prototype), prim) for prototype in prototypes}
     hidden = {
         child.GetPath(): UsdGeom.Imageable(child).GetVisibilityAttr().Get() if child.GetTypeName() else "inherited"
         for child in prim.GetChildren()
         if child.IsA(UsdGeom.Imageable) or not child.GetTypeName()
     }
-    # Primvars of the instancer with a value for each instance.
-    count = {frame: max(each.indices.get(frame, -1) for each in instances) + 1 for frame in frames}
-    colours, problems = [], []
-    for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
-        if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
-            continue
-        values: dict[float, Any] = {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
-        if all(len(values[frame]) >= count[frame] for frame in frames):
-            colours.append((primvar.GetAttr().GetName(), primvar.GetTypeName(), values))
-        else:
-            name, most = primvar.GetAttr().GetName(), max(count.values())
-            problems.append(
-                not_drawn(primvar.GetAttr(), f'"{name}" has too few values for {most:,} instances: none counts')
-            )
-    # Prototypes are hidden; each instance is a transform above a reference to its prototype.
-    bound = {path: _bound_above(stage.GetPrimAtPath(path), prim) for path in {each.prototype for each in instances}}
+    primvars, problems = _primvars_by_frame(prim, instances, frames)
     with Sdf.ChangeBlock():
         for at in hidden:
             spec = Sdf.CreatePrimInLayer(layer, at)
@@ -158,13 +144,7 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
             placed = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
             placed.specifier, placed.typeName, placed.instanceable = Sdf.SpecifierDef, "Xform", False
             _write_poses(placed, instance, frames)
-            for name, kind, values in colours:
-                attribute = Sdf.AttributeSpec(placed, name, kind)
-                attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
-                of_frame = {frame: type(values[frame])([values[frame][at]]) for frame, at in instance.indices.items()}
-                attribute.default = first = next(iter(of_frame.values()))
-                for frame, value in of_frame.items() if any(each != first for each in of_frame.values()) else ():
-                    layer.SetTimeSample(attribute.path, frame, value)
+            _write_primvars(placed, instance, primvars)
             for name, material in bound[instance.prototype].items():
                 placed.SetInfo("apiSchemas", Sdf.TokenListOp.Create(prependedItems=["MaterialBindingAPI"]))
                 Sdf.RelationshipSpec(placed, name, custom=False).targetPathList.explicitItems = [material]
@@ -172,7 +152,6 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             if instance.prototype in hidden:
                 _token(shape, "visibility").default = hidden[instance.prototype]
-    # Primvars that prototypes inherit from prims above them.
     with Usd.EditContext(stage, layer):
         for number, instance in enumerate(instances):
             placed_prim = stage.GetPrimAtPath(path.AppendChild(f"{_INSTANCE}{number}"))
@@ -180,6 +159,39 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
                 if not placed_prim.HasProperty(attribute.GetName()):
                     attribute.FlattenTo(placed_prim)
     return problems
+
+
+_Primvars = list[tuple[str, Sdf.ValueTypeName, dict[float, Any]]]
+"""Names and types of primvars with a value for each instance, and the arrays of these by frame."""
+
+
+def _primvars_by_frame(
+    prim: Usd.Prim, instances: list[_Instance], frames: list[float]
+) -> tuple[_Primvars, list[Problem]]:
+    """Primvars of an instancer with a value for each instance, and warnings of those with too few values."""
+    count = {frame: max(each.indices.get(frame, -1) for each in instances) + 1 for frame in frames}
+    primvars, problems = _Primvars(), list[Problem]()
+    for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
+        if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
+            continue
+        name, values = primvar.GetAttr().GetName(), {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
+        if all(len(values[frame]) >= count[frame] for frame in frames):
+            primvars.append((name, primvar.GetTypeName(), values))
+        else:
+            message = f'"{name}" has too few values for {max(count.values()):,} instances: none counts'
+            problems.append(not_drawn(primvar.GetAttr(), message))
+    return primvars, problems
+
+
+def _write_primvars(placed: Sdf.PrimSpec, instance: _Instance, primvars: _Primvars) -> None:
+    """Write the values of one instance, constant on its shape; samples where they change."""
+    for name, kind, arrays in primvars:
+        attribute = Sdf.AttributeSpec(placed, name, kind)
+        attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
+        values = {frame: type(arrays[frame])([arrays[frame][at]]) for frame, at in instance.indices.items()}
+        attribute.default = first = next(iter(values.values()))
+        for frame, value in values.items() if any(each != first for each in values.values()) else ():
+            placed.layer.SetTimeSample(attribute.path, frame, value)
 
 
 def _carried_above(prototype: Usd.Prim, instancer: Usd.Prim) -> list[Usd.Attribute]:
