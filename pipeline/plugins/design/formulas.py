@@ -71,6 +71,12 @@ class PlenopticDesign:
     gap_px: float  # between micro-images
 
     @property
+    def array(self) -> MicrolensArray:
+        """The microlenses of the camera."""
+        assert self.camera.microlenses is not None
+        return self.camera.microlenses
+
+    @property
     def range_mm(self) -> tuple[float, float]:
         """The union of the ranges of all types."""
         nears, fars = zip(*self.depth_of_field_mm, strict=True)
@@ -78,9 +84,7 @@ class PlenopticDesign:
 
     def airy_px(self, wavelength_nm: float) -> float:
         """Diameter of the first dark ring behind a microlens, 2.44 wavelengths times its F-number B / P."""
-        array = self.camera.microlenses
-        assert array is not None
-        ring_mm = 2.44e-6 * wavelength_nm * array.distance_mm / array.pitch_mm
+        ring_mm = 2.44e-6 * wavelength_nm * self.array.distance_mm / self.array.pitch_mm
         return ring_mm / self.camera.sensor.pitch_mm
 
 
@@ -187,6 +191,9 @@ def _check(wish: PlenopticWish) -> None:
 
 
 def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
+    """Solve P / B = D / T for a focused camera whose types reach over `span` of vergence B / a from its far end on, by
+    the magnification in the middle, or by the range and either the least virtual depth or the F-number.
+    """
     span = 2 * wish.types * wish.step
     depth = LEAST_DEPTH if wish.virtual_depth is None else wish.virtual_depth
     if 1 / depth <= span:
@@ -203,7 +210,7 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
         return _Solution(to_array, pitch * to_array / pupil, pupil, 1 / depth)
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
     deep = to_near - to_far
-    if wish.f_number is None:
+    if wish.f_number is None:  # B / a is 1 / depth at the far end, and the span less at the near one
         gap = deep / (1 / (1 / depth - span) - depth)
         return _Solution(to_far - depth * gap, gap, pitch * (to_far - depth * gap) / gap, 1 / depth)
     # B deep = span a (a + deep) and B = P (to_far - a) / D: a of the far end is the positive root.
@@ -223,6 +230,7 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
 
 
 def _unfocused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
+    """Solve P / B = D / T for microlenses at their focal length, by the magnification or the range of their views."""
     if wish.near_mm is None or wish.far_mm is None:
         pupil = _pupil(lens, wish.f_number)
         to_array = _magnified(lens, wish)

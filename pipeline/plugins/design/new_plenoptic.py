@@ -40,16 +40,14 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
         design = designed(_prescription(lens, wish), plane, wish)
     except CameraError as error:  # what was typed cannot be
         raise UsageError(error.message, hint=error.hint) from None
-    array = design.camera.microlenses
-    assert array is not None
     rig = RigWish(
         lens=lens,
         sensor=sensor,
         focus_mm=None,
         sensor_distance_mm=design.camera.sensor_distance_mm,
         f_number=design.f_number,
-        microlenses=array,
-        microlens_distance_mm=array.distance_mm,
+        microlenses=design.array,
+        microlens_distance_mm=design.array.distance_mm,
         circle_of_confusion_px=None if wish.blur_px == 1 else wish.blur_px,
         origin="Written by pipeline design plenoptic",
     )

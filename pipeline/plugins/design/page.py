@@ -11,9 +11,7 @@ from pipeline.plugins.design.judgement import Judgement
 
 def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> Json:
     """Plain values of the design, its promises and its judgement."""
-    array = design.camera.microlenses
-    camera = design.camera
-    assert array is not None
+    camera, array = design.camera, design.array
     parts = {
         "sensor_distance_mm": camera.sensor_distance_mm,
         "microlens_distance_mm": array.distance_mm,
@@ -34,9 +32,7 @@ def plain(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -
 
 def page(design: PlenopticDesign, judgement: Judgement, wavelength_nm: float) -> list[str]:
     """Lines of the page; distances count from the aperture stop, + towards the scene."""
-    array = design.camera.microlenses
-    camera = design.camera
-    assert array is not None
+    camera, array = design.camera, design.array
     focal = ", ".join(f"{length:.5g}" for length in array.focal_lengths_mm)
     lines = [
         "designed by formulas",

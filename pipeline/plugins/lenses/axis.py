@@ -100,8 +100,9 @@ def in_order(lens: PrintedLens, is_sized: bool) -> PrintedLens:
         return not bends and not surface.is_stop and (is_lost or goes_back)
 
     while (i := next(filter(is_idle, range(len(found))), None)) is not None:
-        along_mm = found.pop(i).thickness_mm
-        found[max(i - 1, 0) : i] = [replace(one, thickness_mm=one.thickness_mm + along_mm) for one in found[:i][-1:]]
+        behind_mm = found.pop(i).thickness_mm
+        if i:  # the surface before it goes on to the next one
+            found[i - 1] = replace(found[i - 1], thickness_mm=found[i - 1].thickness_mm + behind_mm)
     if count := len(lens.surfaces) - len(found):
         lost.append(
             Lost(statement=f"surfaces that bend nothing, and stand in another's way or have no width: {count} left out")

@@ -64,6 +64,7 @@ def named(name: str, catalogues: Sequence[str] = ()) -> Named:
         near = "".join(f"; the nearest glass is {listed([glass])}{_apart(glass, *numbers)}" for glass in close)
         said = f"{name} is read as the normal line through {numbers[0]:g}/{numbers[1]:g}{near}"
         return replace(model(*numbers), remark=said)
+    # Glasses of that name, those of the named catalogues first.
     vendor, _, bare = name.rpartition(":")
     makers = [vendor.casefold()] if vendor else [maker(text) for text in catalogues]
     every = [one for one in _entries(bare) if vendor or one.maker != _MATERIAL]
@@ -71,6 +72,7 @@ def named(name: str, catalogues: Sequence[str] = ()) -> Named:
     if not own and (vendor or not every):
         near = ", ".join(_shown(_entries(key)[0]) for key in difflib.get_close_matches(_plain(bare), _rows(), _NEAR, 0))
         raise GlassError(f'no glass "{name}" is known', hint=f"near names: {near}", code="unknown-glass")
+    # Other makers' glasses of that name, if they are no copies of it.
     first, *alternatives = own or every
     rivals = ", ".join(dict.fromkeys(_shown(one) for one in alternatives if _differ(one.medium, first.medium)))
     if rivals and not own:
