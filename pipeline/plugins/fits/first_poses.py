@@ -51,7 +51,10 @@ def first_poses(found: Observations, views: Views, dataset: Dataset) -> np.ndarr
         rays = camera.rays(*found.x_px[rows].T)
         if rays.microlens is not None and found.microlens is not None:
             rays.direction[(rays.microlens != found.microlens[rows]).any(axis=1)] = np.nan  # those of a neighbour
-        pose, off_px = _pose(camera, rays, board, ids)
+        try:
+            pose, off_px = _pose(camera, rays, board, ids)
+        except UsageError as error:
+            raise found.error_at(rows[0], f"{where}: {error.message}", error.hint) from None
         extent_px = float(np.ptp(found.x_px[rows], axis=0).max())
         if np.sqrt(np.mean(off_px**2)) > _ASTRAY * extent_px:
             _, mirrored_px = _pose(camera, rays, board * (-1.0, 1.0, 1.0), ids)
@@ -92,7 +95,7 @@ def _pose(camera: ReadyCamera, rays: PixelRays, board: np.ndarray, ids: np.ndarr
     origin, way, board, ids = rays.origin_mm[lit] - centre, rays.direction[lit], board[lit], ids[lit]
     each, first, number = np.unique(ids, return_index=True, return_inverse=True)
     if len(each) < _LEAST_POINTS:
-        raise UsageError("no light reaches the positions of a board", hint="are they in pixels of this sensor?")
+        raise UsageError("no light reaches its positions", hint="are they in pixels of this sensor?")
     far_mm = camera.planes_mm[1] - centre_z_mm
     there = origin + (far_mm - origin[:, 2:]) / way[:, 2:] * way
     slopes = np.stack([np.bincount(number, there[:, axis]) / np.bincount(number) for axis in (0, 1)], axis=1) / far_mm
@@ -113,7 +116,7 @@ def _pose(camera: ReadyCamera, rays: PixelRays, board: np.ndarray, ids: np.ndarr
         fit = least_squares(off, np.concatenate([turn.ravel(), shift.ravel()]), x_scale="jac", loss="soft_l1")
         best = fit if best is None or fit.cost < best.cost else best
     if best is None:
-        raise UsageError("no pose of a board fits its positions", hint="are ids those of the board?")
+        raise UsageError("no pose fits its positions", hint="are they all in one place, or ids not those of the board?")
     pose = rigid(Rotation.from_rotvec(best.x[:3]).as_matrix(), best.x[3:] + centre)
     off_px = np.zeros(len(lit))
     off_px[lit] = np.linalg.norm(off(best.x).reshape(-1, 3), axis=1)

@@ -45,7 +45,8 @@ def placed(found: Observations, dataset: Dataset) -> Observations:
     for name in np.unique(found.target[points]).tolist():
         ids, count = found.point_id, len(points_of(dataset)[name].position_mm)
         if len(wrong := np.flatnonzero((found.target == name) & ((ids < 0) | (ids >= count)))):
-            raise found.error_at(wrong[0], f"{name} has no point {ids[wrong[0]]}", f"its points are 0 to {count - 1}")
+            hint = f"its points are 0 to {count - 1}, row by row from the top left"
+            raise found.error_at(wrong[0], f"{name} has no point {ids[wrong[0]]}", hint)
     _require_board(found, dataset)
     _require_stills(found, dataset, entries)
     return _behind_microlenses(found, dataset, entries)
@@ -122,7 +123,8 @@ def _behind_microlenses(found: Observations, dataset: Dataset, entries: Mapping[
             x, y = found.x_px[outside[0]].tolist()
             width, height = entries[name].camera.sensor.size_px
             message = f"({x:g}, {y:g}) px lies outside of the image of {name}, {width} x {height} px"
-            raise found.error_at(outside[0], message, "give the sensor of the stage the resolution of the images")
+            hint = "are x_px and y_px in their columns, and is the sensor of the stage that of the images?"
+            raise found.error_at(outside[0], message, hint)
         if (lattice := rig.tracer.lattice) is None:
             if len(centres):
                 raise found.error_at(centres[0], f"{name} has no microlenses, so no centres of micro-images")

@@ -31,7 +31,9 @@ def page(fit: Json) -> Iterator[str]:
     yield f"{len(rows['camera'])} positions ({fit['position']}) of {seen_by}"
     state = "converged" if fit["converged"] else "NOT CONVERGED"
     yield f"{state} after {fit['steps']} steps: {fit['ending']}"
-    yield f"chi squared {sum(rows['chi2']):.6g}, expected {sum(rows['expected']):.6g}"
+    chi2, expected = sum(rows["chi2"]), sum(rows["expected"])
+    times = f": errors are {(chi2 / expected) ** 0.5:.3g} times sigma" if expected > 0 else ""
+    yield f"chi squared {chi2:.6g}, expected {expected:.6g}{times}"
     yield ""
     yield f"{'number':44} {'before':>13} {'after':>13} {'deviation':>10} {'prior':>10} {'told':>6}"
     for number in fit["numbers"]:
