@@ -12,7 +12,7 @@ D_LINE_NM = 587.56
 """The helium d line in air [nm], to which printed indices belong unless a source says otherwise."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Lost:
     """A statement of a source, in one sentence, that does not become part of the lens."""
 

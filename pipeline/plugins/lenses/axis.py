@@ -73,13 +73,13 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
         surfaces.append(replace(placed, aperture_rotation_deg=turned_deg))
     off = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
     shown = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
-    lost = [Lost(statement=shown)] if off else []
+    lost = [Lost(shown)] if off else []
     (x, y, _), (about_x, about_y, _) = positions[-1]
     if any((x, y, about_x, about_y)):
         statement = (
             f"the image plane is {x:g}, {y:g} mm off the axis, turned by {about_x:g} and {about_y:g} degrees about x, y"
         )
-        lost.append(Lost(statement=f"{statement}: the camera says where the sensor is"))
+        lost.append(Lost(f"{statement}: the camera says where the sensor is"))
     return replace(lens, surfaces=tuple(surfaces), lost=(*lens.lost, *lost))
 
 
@@ -104,10 +104,8 @@ def in_order(lens: PrintedLens, is_sized: bool) -> PrintedLens:
         if i:  # the surface before it goes on to the next one
             found[i - 1] = replace(found[i - 1], thickness_mm=found[i - 1].thickness_mm + behind_mm)
     if count := len(lens.surfaces) - len(found):
-        lost.append(
-            Lost(statement=f"surfaces that bend nothing, and stand in another's way or have no width: {count} left out")
-        )
+        lost.append(Lost(f"surfaces that bend nothing, and stand in another's way or have no width: {count} left out"))
     if found and found[-1].thickness_mm < 0:
-        lost.append(Lost(statement=f"the image lies {-found[-1].thickness_mm:g} mm before the last surface"))
+        lost.append(Lost(f"the image lies {-found[-1].thickness_mm:g} mm before the last surface"))
         found[-1] = replace(found[-1], thickness_mm=0.0)
     return replace(lens, surfaces=tuple(found), lost=(*lens.lost, *lost)) if lost else lens

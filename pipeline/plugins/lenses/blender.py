@@ -205,14 +205,14 @@ def _lost(keys: _Keys) -> list[Lost]:
     for key in ("prop_focus_distance", "prop_focal_distance"):
         if key in keys.rows:
             loss = f"{key} = {keys.text(key)} cm: the distance of the sensor decides"
-            lost.append(Lost(statement=loss, line=keys.rows[key][0]))
+            lost.append(Lost(loss, keys.rows[key][0]))
     if "prop_wavelength" in keys.rows and abs(keys.number("prop_wavelength") - 587.6) > 0.1:
         loss = f"prop_wavelength = {keys.text('prop_wavelength')} nm: the lens has its printed indices, of 587.56 nm"
-        lost.append(Lost(statement=loss, line=keys.rows["prop_wavelength"][0]))
+        lost.append(Lost(loss, keys.rows["prop_wavelength"][0]))
     if keys.text("prop_mla_enabled") != "True" and "prop_microlens_diam" in keys.rows:
-        lost.append(Lost(statement="microlenses, which the file switches off", line=keys.rows["prop_mla_enabled"][0]))
+        lost.append(Lost("microlenses, which the file switches off", keys.rows["prop_mla_enabled"][0]))
     elif keys.rows.get("prop_three_ml_types", (0, ""))[1] == "True":
         loss = "which side of microlens (0, 0) has the second focal length: taken as the add-on's formula says"
-        lost.append(Lost(statement=loss))
+        lost.append(Lost(loss))
     unread = [(key, line) for key, (line, _) in keys.rows.items() if key and key not in {*_READ.split(), *_MESHING}]
-    return lost + [Lost(statement=f"{key} is not read", line=line) for key, line in unread]
+    return lost + [Lost(f"{key} is not read", line) for key, line in unread]

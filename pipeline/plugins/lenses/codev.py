@@ -124,7 +124,7 @@ class _Sequence:
         return [number(self.path, line, value, name) for value in values]
 
     def lose(self, line: int | None, statement: str) -> None:
-        self.lost.append(Lost(statement=statement, line=line))
+        self.lost.append(Lost(statement, line))
 
     def _setting(self, line: int, name: str, values: list[str]) -> None:
         is_zero = bool(values) and not any(value.strip("+-0.") for value in values)
@@ -280,7 +280,7 @@ def _decided(sequence: _Sequence) -> PrintedLens:
         with suppress(UnreadableLens):
             lens = _lens(sequence, is_radius)
             if is_possible(lens.surfaces):
-                return replace(lens, lost=(Lost(statement=f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
+                return replace(lens, lost=(Lost(f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
     return _lens(sequence, is_radius=False)
 
 

@@ -54,7 +54,7 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
     _check_stop(path, file, lens)
     chosen, why = (apertures, "as told") if apertures else meaning_of(path, lens, file.f_number)
     lens = scaled(lens, chosen)
-    decided = Lost(statement=f"the column semi_ap was read as {chosen} ({why})")
+    decided = Lost(f"the column semi_ap was read as {chosen} ({why})")
     last = file.rows[-1][0]
     stated = {"bfd_mm": lens.nominal_bfd_mm, "f_number": file.f_number}
     return replace(lens, lost=(decided, *remarks(lens, **stated, without_aspheres=True, line=last)))

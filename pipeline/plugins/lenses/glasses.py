@@ -82,7 +82,7 @@ class Glasses:
             hint = "--glass NAME=vendor:OTHER replaces a glass, --glasses FILE.agf reads a catalogue of its maker"
             raise UnreadableLens(self.path, "; ".join(self._unknown.values()), hint=hint)
         return [
-            Lost(statement=f"surface{'s' * (len(surfaces) > 1)} {', '.join(surfaces)}: {statement}", line=line)
+            Lost(f"surface{'s' * (len(surfaces) > 1)} {', '.join(surfaces)}: {statement}", line)
             for statement, (line, surfaces) in self._remarks.items()
         ]
 

@@ -107,7 +107,7 @@ def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) 
     if layout == "square" or (shifted + count) % 2 == 0:
         return array, []
     line = "row" if layout == "hexagonal" else "column"
-    return array, [Lost(statement=f"the outermost microlens of every other {line} is at its other end")]
+    return array, [Lost(f"the outermost microlens of every other {line} is at its other end")]
 
 
 def _node(layout: str, k: int, l: int) -> tuple[float, float]:
@@ -186,4 +186,4 @@ def _lost(file: Json) -> list[Lost]:
         lost.append("distortion coefficients: the ideal thin lens has no distortion")
     if "scaling" in file:
         lost.append("the depth scaling polynomial")
-    return [Lost(statement=statement) for statement in lost]
+    return [Lost(statement) for statement in lost]

@@ -92,7 +92,7 @@ def _split(bench: _Bench) -> None:
             if name in _UNREAD:
                 raise UnreadableLens(bench.path, f"[{name}] makes surfaces diffract, which we cannot", line=line)
             if name not in (*_SKIPPED, "constants", "variable distances", "lens data", "aspherical data"):
-                bench.lost.append(Lost(statement=f"section [{name}] is not read", line=line))
+                bench.lost.append(Lost(f"section [{name}] is not read", line))
             rows = bench.sections.setdefault(name, [])
         elif rows is not None and cells[0] and not cells[0].startswith("#"):
             rows.append((line, cells))
@@ -109,10 +109,10 @@ def _choose(bench: _Bench, asked: int | None) -> None:
     if count > 1 and asked is None:
         shown = ", ".join(lengths) or "not stated"
         statement = f"scenario 1 of {count} was read (focal lengths {shown}); --scenario takes another"
-        bench.lost.append(Lost(statement=statement, line=line))
+        bench.lost.append(Lost(statement, line))
     if (near_mm := bench.value("d0")) is not None:
         statement = f"the scenario is focused on an object {near_mm:g} mm away; a rig of this lens has its own focus"
-        bench.lost.append(Lost(statement=statement, line=rows["d0"][0]))
+        bench.lost.append(Lost(statement, rows["d0"][0]))
 
 
 def _surface(bench: _Bench, line: int, cells: list[str]) -> PrintedSurface:
@@ -153,7 +153,7 @@ def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]
     odd = next((int(number(bench.path, line, cells[1], cells[0])) for line, cells in counts if len(cells) > 1), 0)
     if odd and bench.rows("aspherical data"):
         statement = f"AsphericalOddCount {odd}: coefficients were read as odd powers from 3 and all even ones from 4 on"
-        bench.lost.append(Lost(statement=statement, line=bench.rows("aspherical data")[0][0]))
+        bench.lost.append(Lost(statement, bench.rows("aspherical data")[0][0]))
     for line, cells in bench.rows("aspherical data"):
         if cells[0] not in ids:
             raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)

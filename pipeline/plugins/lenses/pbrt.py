@@ -21,10 +21,8 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
     surfaces = _with_stop(path, rows)
     chosen, why = (spacing, "as told") if spacing else spacing_of(path, surfaces)
     name = comments[0].strip(" \"'.") if comments and comments[0].strip() else Path(path).stem
-    lost = [Lost(statement=f"thicknesses were read as the space {chosen} each surface ({why})")]
-    lost.append(
-        Lost(statement="pbrt files state no wavelength for their indices and no dispersion; taken as the d line")
-    )
+    lost = [Lost(f"thicknesses were read as the space {chosen} each surface ({why})")]
+    lost.append(Lost("pbrt files state no wavelength for their indices and no dispersion; taken as the d line"))
     return PrintedLens(
         name=name,
         provenance=tuple(line.strip() for line in comments[1:] if line.strip(" -=#")),

@@ -64,7 +64,7 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     lens = in_order(lens, is_sized)
     unknown = [i for i, surface in enumerate(lens.surfaces, 1) if surface.semi_diameter_mm is None]
     if not unknown:
-        ignored = Lost(statement="vignetting factors; only semi-diameters block rays")
+        ignored = Lost("vignetting factors; only semi-diameters block rays")
         return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
     shown = ", ".join(map(str, unknown))
     if not is_sized:
@@ -83,7 +83,7 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
         f" (entrance pupil {wide_mm:g} mm, half field {max(abs(each.angle_deg) for each in fields):g} degrees)"
     )
-    return replace(open_lens, lost=(*open_lens.lost, Lost(statement=statement)))
+    return replace(open_lens, lost=(*open_lens.lost, Lost(statement)))
 
 
 def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Sequence[Field]) -> PrintedLens:
@@ -157,9 +157,9 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
     statement = f"{beam.stated} is {asked}: the stop, surface {index + 1}, "
     if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
         shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
-        return replace(lens, lost=(*lens.lost, Lost(statement=f"{statement}is {shape} and stays", line=beam.line)))
+        return replace(lens, lost=(*lens.lost, Lost(f"{statement}is {shape} and stays", beam.line)))
     statement += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
-    return replace(_with_stop(lens, index, rim_mm), lost=(*lens.lost, Lost(statement=statement, line=beam.line)))
+    return replace(_with_stop(lens, index, rim_mm), lost=(*lens.lost, Lost(statement, beam.line)))
 
 
 def _with_stop(lens: PrintedLens, index: int, semi_diameter_mm: float | None) -> PrintedLens:

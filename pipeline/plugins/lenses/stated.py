@@ -75,7 +75,7 @@ def remarks(
             f"the sharpest image of a point on the axis at {opening} is blurred ({flaw}):"
             " it may have lost aspheric terms, which this format cannot hold"
         )
-    return tuple(Lost(statement=statement, line=line) for statement in losses)
+    return tuple(Lost(statement, line) for statement in losses)
 
 
 def axial_blur_mm(lens: PrintedLens, computed: FirstOrder) -> float:

@@ -118,7 +118,7 @@ def _columns(path: str | Path, glasses: Glasses, line: int, header: str) -> _Tab
         if quantity is None and name:
             near = nearest(name.casefold(), _QUANTITY)
             hint = f'; "{near}" would be' if near else ""
-            table.lost.append(Lost(statement=f'column "{name}" is not known{hint}', line=line))
+            table.lost.append(Lost(f'column "{name}" is not known{hint}', line))
     twice = sorted({q for q in quantities if q and q != "label" and quantities.count(q) > 1})
     wanted = [] if {"radius", "curvature"} & set(quantities) else ["a radius"]
     wanted += [] if "thickness" in quantities else ["a thickness"]

@@ -72,4 +72,4 @@ def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None 
     shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
     at = "the d line" if of_lens_nm is None else f"{of_lens_nm:g} nm, the primary wavelength"
     loss = f"wavelengths {shown} nm: the lens has its indices at {at}, the camera its wavelength"
-    return [Lost(statement=loss)]
+    return [Lost(loss)]

@@ -134,16 +134,14 @@ class _System:
         elif keyword == "ENVD":
             if [number(self.path, line, word, keyword) for word in words[:2]] != _STANDARD_AIR:
                 statement = f"ENVD {' '.join(words[:2])}: indices and lengths are those at 20 degrees Celsius and 1 atm"
-                self.lost.append(Lost(statement=statement, line=line))
+                self.lost.append(Lost(statement, line))
         elif keyword == "MNUM" and self._first(line, keyword, words) > 1:
             current = f"number {words[1]}, which" if len(words) > 1 else "the one that"
             statement = f"{words[0]} configurations; this lens is {current} was current when the file was saved"
-            self.lost.append(Lost(statement=statement, line=line))
+            self.lost.append(Lost(statement, line))
         elif keyword in _VIGNETTING:
             if any(number(self.path, line, word, keyword) for word in words):
-                self.lost.append(
-                    Lost(statement=f"{keyword}: vignetting factors; only semi-diameters block rays", line=line)
-                )
+                self.lost.append(Lost(f"{keyword}: vignetting factors; only semi-diameters block rays", line))
         elif keyword and not self.rows and keyword not in _SILENT.split():  # behind them: merit function
             self.unread.setdefault(keyword, line)
 
@@ -180,7 +178,7 @@ class _System:
             raise UnreadableLens(self.path, f"surface {len(self.rows) - 1} is tilted or decentred (SCBD)", line=line)
         elif keyword in _APERTURES:
             statement = f"surface {len(self.rows) - 1}: {keyword}, an aperture that is no circle"
-            self.lost.append(Lost(statement=statement, line=line))
+            self.lost.append(Lost(statement, line))
         elif keyword and keyword not in _SILENT.split():
             self.unread.setdefault(keyword, line)
 
@@ -199,7 +197,7 @@ class _System:
             row.inner = second
         elif keyword == "OBSC":
             loss = f"an obstruction from {first:g} to {second:g}, which leaves a hole inside"
-            self.lost.append(Lost(statement=f"surface {len(self.rows) - 1}: {loss}", line=line))
+            self.lost.append(Lost(f"surface {len(self.rows) - 1}: {loss}", line))
         elif keyword == "SQAP":
             row.half_widths = (first, second)
         elif row.semi_diameter is None or row.is_automatic:
@@ -275,15 +273,15 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
     image = system.rows[-1]
     if math.isfinite(first.thickness) and first.thickness < 1e8:
         statement = f"the object distance of {first.thickness:g}: a dataset says where its targets are"
-        lost.append(Lost(statement=statement, line=first.line))
+        lost.append(Lost(statement, first.line))
         if system.working_f_number:
             system.beam.f_number = None
             statement = (
                 f"{system.beam.stated}, a working f-number at that distance; the semi-diameter of the stop is taken"
             )
-            lost.append(Lost(statement=statement, line=system.beam.line))
+            lost.append(Lost(statement, system.beam.line))
     if image.curvature:
-        lost.append(Lost(statement="the image surface is curved; sensors are flat", line=image.line))
+        lost.append(Lost("the image surface is curved; sensors are flat", image.line))
     automatic = [
         i
         for i, row in system.surfaces
@@ -291,15 +289,11 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
     ]
     if automatic:
         shown = ", ".join(map(str, automatic))
-        lost.append(
-            Lost(statement=f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays")
-        )
+        lost.append(Lost(f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
     lost += text.other_wavelengths([1000 * w for w in dict.fromkeys(system.wavelengths_um.values())], wavelength_nm)
     idle = [word for word in system.unread if word in _NO_CONCERN.split()]
-    lost += [
-        Lost(statement=f"{word} is not read", line=line) for word, line in system.unread.items() if word not in idle
-    ]
-    return lost + ([Lost(statement=f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
+    lost += [Lost(f"{word} is not read", line) for word, line in system.unread.items() if word not in idle]
+    return lost + ([Lost(f"of no concern to the lens: {', '.join(idle)}")] if idle else [])
 
 
 def _printed(system: _System, number: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
