@@ -8,6 +8,7 @@ import base64
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -243,20 +244,11 @@ def _put(
         if not (report / shown.path).is_file():
             put(report / shown.path, data())
         return shown
-    levels = levels_of(shown.width_px, shown.height_px)
+    # Each level is half of the next one; level 0 fits into one tile.
+    levels = 1 + math.ceil(math.log2(max(shown.width_px, shown.height_px) / _TILE_PX))
     if not (report / name / "0").is_dir():  # the smallest level is written last
         _write_tiles(report / name, pixels(), levels)
     return dataclasses.replace(shown, path=name, tile_px=_TILE_PX, levels=levels)
-
-
-def levels_of(width_px: int, height_px: int) -> int:
-    """Number of levels, each half of the next one; level 0 fits into one tile."""
-    levels = 1
-    longest = max(width_px, height_px)
-    while longest > _TILE_PX:
-        levels = levels + 1
-        longest = (longest + 1) // 2
-    return levels
 
 
 def _write_tiles(folder: Path, pixels: np.ndarray, levels: int) -> None:
