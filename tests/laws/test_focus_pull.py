@@ -51,8 +51,8 @@ def test_a_frame_of_a_focus_pull_is_that_of_a_still_rig_byte_for_byte(tmp_path, 
     ).out
     assert sorted(path.name for path in (pulled / "cameras").iterdir()) == ["Rig.Camera.0001", "Rig.Camera.0002"]
     for frame, focus_mm in ((1, 420), (2, 430)):
-        text = focused(f" = {focus_mm}")
-        still = made(stage(tmp_path / "still.usda", text, (_SEED, _EXPORTS)), tmp_path / f"{frame}", common_store).out
+        text, asked = focused(f" = {focus_mm}"), f"{_EXPORTS}    uniform int[] plen:frames = [{frame}]\n"
+        still = made(stage(tmp_path / "still.usda", text, (_SEED, asked)), tmp_path / f"{frame}", common_store).out
         for place in (f"frames/{frame:04d}", "cameras"):
             files = sorted(path.name for path in (still / place / "Rig.Camera").iterdir())
             assert files == sorted(path.name for path in (pulled / place / f"Rig.Camera.{frame:04d}").iterdir())
