@@ -112,6 +112,11 @@ def test_white_and_black_may_change_places() -> None:
         assert both[0] == pytest.approx(both[1], abs=SADDLE_PX)
 
 
+def rows_of(case: Case, *rows: int) -> Case:
+    """A case with some of its rows alone: the saddle of each takes half a second."""
+    return dataclasses.replace(case, solutions=case.solutions.only(np.array(rows)))
+
+
 def dense_saddle(case: Case, i: int, found: np.ndarray, reach_px: float, rays: int) -> np.ndarray:
     """The saddle of a corner that is rendered about the saddle found of row i."""
     point, cell, camera, lens = case.solutions.point[i], case.solutions.cell[i], case.rig.tracer.camera, None
@@ -132,7 +137,7 @@ def dense_saddle(case: Case, i: int, found: np.ndarray, reach_px: float, rays: i
 def test_the_saddle_is_that_of_a_rendered_corner() -> None:
     """f/7.7, 25 degrees, 4 mm out of focus: blur of 1 px, saddle 0.2 px from J."""
     camera = rigs.bare(rigs.tronnier(4.5), Sensor(width_px=641, height_px=641, pitch_mm=0.01), 131.81, (400.0, 480.0))
-    case = case_of(camera, board(0.5), rigs.facing(430.0, 25.0, -6.0, 4.0))
+    case = rows_of(case_of(camera, board(0.5), rigs.facing(430.0, 25.0, -6.0, 4.0)), 0)
     found = saddles(case)[0]
     assert np.hypot(*(found - case.j_px[0])) > 10 * DENSE_SADDLE_PX
     assert found == pytest.approx(dense_saddle(case, 0, found, 0.6, 1 << 18), abs=DENSE_SADDLE_PX)
@@ -141,7 +146,7 @@ def test_the_saddle_is_that_of_a_rendered_corner() -> None:
 @pytest.mark.heavy
 def test_at_f2_the_saddle_is_that_of_a_rendered_corner() -> None:
     """8 mm off the axis coma spreads over 12 px, and the saddle lies 10 px from J."""
-    case = case_of(off_axis(17.1), board(0.5), rigs.facing(434.4, 0.0, 27.0))
+    case = rows_of(case_of(off_axis(17.1), board(0.5), rigs.facing(434.4, 0.0, 27.0)), 0)
     found = saddles(case)[0]
     assert np.hypot(*(found - case.j_px[0])) > 9
     assert found == pytest.approx(dense_saddle(case, 0, found, 1.0, 1 << 21), abs=DENSE_SADDLE_F2_PX)
@@ -150,11 +155,10 @@ def test_at_f2_the_saddle_is_that_of_a_rendered_corner() -> None:
 @pytest.mark.heavy
 def test_at_the_edge_of_a_micro_image_the_saddle_is_that_of_a_rendered_corner() -> None:
     """There light falls off within pixels, and moves the saddle of white and black corners to different sides."""
-    case = case_of(rigs.plenoptic(2.0), board(0.8), rigs.facing(420.0, 30.0))
+    case = rows_of(case_of(rigs.plenoptic(2.0), board(0.8), rigs.facing(420.0, 30.0)), 16, 54)  # they move farthest
     found = saddles(case)
-    apart = np.nan_to_num(np.hypot(*(found - case.j_px).T))
-    for i in np.argsort(-apart)[[0, 3]].tolist():
-        assert apart[i] > 10 * DENSE_SADDLE_PX
+    for i in range(2):
+        assert np.hypot(*(found[i] - case.j_px[i])) > 10 * DENSE_SADDLE_PX
         dense = dense_saddle(case, i, found[i], 0.5, 1 << 20)  # few rays pass near the edge
         assert found[i] == pytest.approx(dense, abs=DENSE_SADDLE_PX)
 
