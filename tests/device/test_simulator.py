@@ -58,7 +58,7 @@ def test_moments_in_the_simulator_have_the_bits_of_processors() -> None:
 @pytest.mark.heavy
 def test_more_samples_than_a_packet_holds_have_them_too() -> None:
     name, samples, _, lit, same, _ = simulated("long")[-1]
-    assert (name, samples, lit, same) == ("conventional", "1024", "3", "True")
+    assert (name, samples, lit, same) == ("conventional", "1024", "1", "True")
 
 
 @pytest.mark.heavy
