@@ -47,7 +47,7 @@ _DRAWS = 128, 24
 _ROOT = 0.72, -1.045, 0.29, -0.026
 """Coefficients of the root in `Layers.pairs` [1]: of the mean Schlick term g of light that first facets send to others,
 of the same times roughness, of the root of g, and of the cosine. Fitted to walks over all roughnesses and angles, as in
-tests/laws/microfacet_walk.py: light of all reflections together is right to 0.7 %.
+tests/plugins/scenes/microfacet_walk.py: light of all reflections together is right to 0.7 %.
 """
 
 
