@@ -9,7 +9,7 @@ What was built or answered before is not done again, and results of contestants 
 
 Most plenoptic programs are on no package index: FOLDER has their sources, as git repositories OWNER+NAME/repo, which
 `--sources` lists with their commits.
-`--small` shows in minutes whether it runs: two conditions and two repeats, and calibrations from exact corners alone;
+`--small` shows in minutes whether it runs: two conditions and two repeats, five boards, exact and with noise;
 one rig with a quarter of its sensor.
 """
 
@@ -72,7 +72,7 @@ def main() -> None:
     if "conventional" in halves:
         conventional(asked, everybody, [one for one in everybody if one.name in names], out)
     if "plenoptic" in halves:
-        plenoptic(asked, [name for name in names if name in compete.CONTESTANTS], out)
+        plenoptic(asked, [name for name in compete.CONTESTANTS if name in names], out)
 
 
 def chosen(asked: argparse.Namespace, names: list[str]) -> list[str]:

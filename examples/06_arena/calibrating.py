@@ -9,9 +9,20 @@ import numpy as np
 from conditions import CONDITIONS
 from contestants.exchange import write_pgm
 from environments import Contestant, place_of, run, run_all
-from judge import ErrorField, coverage, covered, error_field, inside_ellipse, matched, pupil_errors
+from judge import (
+    ErrorField,
+    coverage,
+    covered,
+    depth_errors_mm,
+    error_field,
+    inside_ellipse,
+    matched,
+    numbers_kept,
+    pupil_errors,
+    stated_covariance,
+)
 from rows import Rows, joined
-from scenes import BOARD, BOARD_COLUMNS, BOARD_ROWS, Boards, boards, built, exposed, view_of
+from scenes import BASELINE_MM, BOARD, BOARD_COLUMNS, BOARD_ROWS, Boards, boards, built, exposed, view_of
 
 from pipeline.plugins.fits.free_numbers import FreeStage
 from stages import HERE
@@ -25,6 +36,8 @@ NOISE_PX = 0.1
 """Noise of each axis in the cases with noise [px]: of an ordinary detector in an ordinary image."""
 FEW = 5
 """Boards of the case with few."""
+POSITION = "exact"
+"""Kind of all positions, as `pipeline calibrate` names them: J, which is also what OpenCV SB finds."""
 STATED_AT = 1
 """Of DISTANCES_MM that for which uncertainties are stated: the distance in focus."""
 
@@ -37,34 +50,37 @@ def whole_views(rows: Rows, among: np.ndarray | None = None) -> np.ndarray:
 
 
 def write_cases(folder: Path, noisy: int, detector: tuple[Contestant, Path] | None) -> dict[str, Boards]:
-    """Write folder/cases/NAME.npz for all cases; the boards of each, by name."""
+    """Write folder/cases/NAME.npz for all cases, without a detector for few boards, exact and with noise; what each is
+    seen by, by name.
+    """
     cases, cameras = folder / "cases", {}
     cases.mkdir(parents=True, exist_ok=True)
     for old in cases.glob("*.npz"):
         old.unlink()
     stages = {"f8": "calibration", "f2.8": "calibration_open", "tilted": "calibration_tilted"}
+    stages = stages if detector else {"f8": stages["f8"]}
     known = stages | {"tilted": "calibration"}  # nobody knows of a tilt
     seen = {name: boards(HERE / f"{stage}.usda", FITTED_MM, DISTANCES_MM) for name, stage in stages.items()}
 
     def write(name: str, camera: str, first: Rows, second: Rows) -> None:
-        views = whole_views(first)
+        views = whole_views(first)[: None if detector else FEW]
         pairs = whole_views(second, views)
         case = seen[camera].case(first.only(np.isin(first.view, views)), second.only(np.isin(second.view, pairs)))
         drawings = cases / f"{name}.usda"
         write_drawings(HERE / f"{known[camera]}.usda", drawings, name)
-        np.savez(cases / f"{name}.npz", **case, drawings=np.array(str(drawings)))
+        np.savez(cases / f"{name}.npz", **case, drawings=np.array(str(drawings)), position=np.array(POSITION))
         cameras[name] = seen[camera]
 
     f8 = seen["f8"]
-    for name, camera in (("exact", "f8"), ("open", "f2.8"), ("tilted", "tilted")):
+    for name, camera in zip(("exact", "open", "tilted"), seen, strict=False):
         write(name, camera, seen[camera].first, seen[camera].second)
     for number in range(noisy):
         random = np.random.default_rng([6, number])
         write(f"noise_{number:02d}", "f8", f8.first.noisy(NOISE_PX, random), f8.second.noisy(NOISE_PX, random))
-    random = np.random.default_rng(66)
-    few = [rows.only(rows.view < FEW) for rows in (f8.first, f8.second)]
-    write("few", "f8", *(rows.noisy(NOISE_PX, random) for rows in few))
     if detector:
+        random = np.random.default_rng(66)
+        few = [rows.only(rows.view < FEW) for rows in (f8.first, f8.second)]
+        write("few", "f8", *(rows.noisy(NOISE_PX, random) for rows in few))
         write("detected", "f8", detected(f8, folder, *detector), f8.second)
     return cameras
 
@@ -74,6 +90,11 @@ def write_drawings(stage: Path, place: Path, name: str) -> None:
     truth, random = FreeStage(stage, ["Made"]), np.random.default_rng([6, *f"drawings{name}".encode()])
     by = random.normal(size=len(truth.numbers)) * [number.deviation for number in truth.numbers]
     place.write_text(truth.layer(place, by, {}, f"Drawings for case {name} of the arena."), encoding="utf-8")
+
+
+def true_numbers(stage: Path) -> dict[str, float]:
+    """Numbers of a camera that its drawings have wrong."""
+    return {number.name: number.before for number in FreeStage(stage, ["Made"]).numbers}
 
 
 def detected(exact: Boards, folder: Path, detector: Contestant, python: Path) -> Rows:
@@ -129,6 +150,7 @@ def judge(truth: Boards, case: Path, answer: Path) -> Results:
     field = _field(truth, found, where)
     result: Results = {
         "rms_px": field.rms_px(where).tolist(),
+        "depth_mm": depth_errors_mm(truth.exact, field, where, BASELINE_MM).tolist(),
         "largest_px": float(np.nanmax(field.length_px[:, where])),
         "outside_px": float(np.nanmax(field.length_px[:, ~where])) if (~where).any() else None,
         "views": len(np.unique(given["view"])),
@@ -147,35 +169,34 @@ def _field(truth: Boards, found: Any, where: np.ndarray) -> ErrorField:
     return error_field(truth.exact, found["slopes"], where, found["offsets_mm"] if "offsets_mm" in found.files else 0.0)
 
 
-def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> Results | None:
-    """Stated uncertainty against the errors that repeats with noise really have."""
+def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> list[Results]:
+    """Stated uncertainties against the errors that repeats with noise really have."""
     paths = [answers / f"noise_{number:02d}.npz" for number in range(noisy)]
     if not (answers / "exact.npz").exists() or not all(path.exists() for path in paths) or noisy < 2:
-        return None
+        return []
     exact, found = np.load(answers / "exact.npz"), [np.load(path) for path in paths]
-    if "names" in exact.files:  # numbers whose truth is known, each time from other drawings
-        names = exact["names"].tolist()
-        stage = FreeStage(HERE / "calibration.usda", ["Made"])
-        true = {number.name: number.before for number in stage.numbers}
-        off, sigmas = (np.array([one[key] for one in found]) for key in ("values", "sigmas"))
-        off = off - [true[name] for name in names]
-        rms = np.sqrt([(sigmas**2).mean(axis=0), (off**2).mean(axis=0)])
-        return {
-            "of": "its numbers",
-            "inside_of_truth": float(np.mean(np.abs(off) < sigmas)),
-            "stated_over_real": float(np.median(rms[0] / rms[1])),
-            "numbers": dict(zip(names, rms.T.tolist(), strict=True)),
-        }
+    kept = []
     if "sigmas" in exact.files:
         values, sigmas = (np.array([one[name] for one in found]) for name in ("values", "sigmas"))
-        share, ratio = coverage(values, sigmas, exact["values"])
-        return {"of": "fx, fy, cx, cy", "inside_of_noise": share, "stated_over_real": ratio}
-    if "stated_px2" not in exact.files:
-        return None
+        if "names" in exact.files:  # numbers whose truth is known, each time from other drawings
+            true = true_numbers(HERE / "calibration.usda")
+            kept.append(numbers_kept([*true], values, sigmas, np.array([*true.values()])))
+        else:
+            share, ratio = coverage(values, sigmas, exact["values"])
+            kept.append({"of": "fx, fy, cx, cy", "inside_of_noise": share, "stated_over_real": ratio})
     where = covered(truth.exact.query_px, np.load(case.with_suffix(".npz"))["image_px"])
+    if "stated_px2" in exact.files:
+        stated = [one["stated_px2"].reshape(*where.shape, 2, 2) for one in found]
+    elif "moved_slopes" in exact.files:
+        stated = [stated_covariance(truth.exact, one, where)[STATED_AT] for one in found]
+    else:
+        return kept
+    return [*kept, _projections_kept(truth, exact, found, np.array(stated)[:, where], where)]
+
+
+def _projections_kept(truth: Boards, exact: Any, found: list[Any], stated: np.ndarray, where: np.ndarray) -> Results:
     errors = [_field(truth, one, where).error_px[STATED_AT] for one in found]
     mean = _field(truth, exact, where).error_px[STATED_AT]
-    stated = np.array([one["stated_px2"].reshape(*where.shape, 2, 2) for one in found])[:, where]
     noise, real = (np.array([error - less for error in errors])[:, where] for less in (mean, 0.0))
     ratio = np.sqrt(np.median(np.trace(stated, axis1=-2, axis2=-1))) / np.sqrt(
         np.median((noise**2).sum(axis=-1).mean(axis=0))
@@ -191,15 +212,14 @@ def honesty(answers: Path, truth: Boards, case: Path, noisy: int) -> Results | N
 def _mean(judged: list[Results]) -> Results:
     """Root mean square over repeats with noise."""
     good = [one for one in judged if "failed" not in one]
+    means = [name for name in ("rms_px", "depth_mm", "pupil_mm") if good and name in good[0]]
     if not good:
         return judged[0] if judged else {"failed": "no repeats"}
     result: Results = {
-        "rms_px": np.sqrt(np.mean([np.square(one["rms_px"]) for one in good], axis=0)).tolist(),
+        **{name: np.sqrt(np.mean([np.square(one[name]) for one in good], axis=0)).tolist() for name in means},
         "largest_px": max(one["largest_px"] for one in good),
         "outside_px": max((one["outside_px"] for one in good if one["outside_px"] is not None), default=None),
         "views": good[0]["views"],
         "repeats": len(good),
     }
-    if "pupil_mm" in good[0]:
-        result["pupil_mm"] = np.sqrt(np.mean([np.square(one["pupil_mm"]) for one in good], axis=0)).tolist()
     return result

@@ -3,9 +3,11 @@
 It knows no contestant: positions come in, numbers go out. Pixel (0, 0) is the centre of the top-left pixel.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import CloughTocher2DInterpolator
 from scipy.optimize import least_squares
 from scipy.spatial import Delaunay, cKDTree
 from scipy.spatial.transform import Rotation
@@ -140,6 +142,42 @@ def error_field(
     return ErrorField(error_px=errors(found.x, exact.distances_mm), centre_mm=found.x[3:])
 
 
+def stated_covariance(exact: ExactRays, found: Any, where: np.ndarray) -> np.ndarray:
+    """Covariances (distances, rows, columns, 2, 2) of projections by a model that says where its rays would be, moved
+    along each axis of its uncertainty by one sigma: each is laid over the model as the model is over the camera.
+    """
+    slopes, offset_mm = (found[name].reshape(*exact.query_px.shape) for name in ("slopes", "offsets_mm"))
+    ones, zeros = np.ones_like(slopes[..., :1]), np.zeros_like(slopes[..., :1])
+    own = replace(
+        exact,
+        origin_mm=np.concatenate([offset_mm, zeros], axis=-1),
+        direction=np.concatenate([slopes, ones], axis=-1),
+    )
+    moved = zip(found["moved_slopes"], found["moved_offsets_mm"], strict=True)
+    errors = np.array([error_field(own, slope, where, offset).error_px for slope, offset in moved])
+    return np.einsum("kdhwi,kdhwj->dhwij", errors, errors)
+
+
+def depth_errors_mm(exact: ExactRays, field: ErrorField, where: np.ndarray, baseline_mm: float) -> np.ndarray:
+    """Root mean square errors of the depths of points at each distance, (distances,), over some positions.
+
+    The point of a position is triangulated by the model's rays, which the camera sends to it from there and from
+    `baseline_mm` further right. Errors are small: depth is off by how far the rays pass each other, over the angle
+    between them.
+    """
+    result = []
+    for z_mm, error_px in zip(exact.distances_mm, field.error_px, strict=True):
+        points_mm = exact.points(z_mm)
+        along_x = np.gradient(points_mm[..., 0], axis=1) / (exact.query_px[0, 1, 0] - exact.query_px[0, 0, 0])
+        lit = where & np.isfinite(along_x) & np.isfinite(error_px[..., 0])
+        aside_mm = error_px[lit, 0] * along_x[lit]
+        at_mm = points_mm[lit][:, :2]
+        second_mm = CloughTocher2DInterpolator(at_mm, aside_mm)(at_mm - [baseline_mm, 0.0])
+        off_mm = (aside_mm - second_mm) * (z_mm - field.centre_mm[2]) / baseline_mm
+        result.append(np.sqrt(np.nanmean(off_mm**2)) if np.isfinite(off_mm).any() else np.nan)
+    return np.array(result)
+
+
 def pupil_errors(
     true_poses: np.ndarray, found_poses: np.ndarray, pupil_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -156,3 +194,17 @@ def coverage(values: np.ndarray, sigmas: np.ndarray, without_noise: np.ndarray) 
     """Share of values (repeats, k) within their stated sigma of those without noise, and stated over real scatter."""
     share = float(np.mean(np.abs(values - without_noise) < sigmas))
     return share, float(np.median(np.sqrt((sigmas**2).mean(axis=0)) / values.std(axis=0, ddof=1)))
+
+
+def numbers_kept(names: list[str], values: np.ndarray, sigmas: np.ndarray, true: np.ndarray) -> dict[str, Any]:
+    """Honesty of numbers (repeats, k) whose truth is known: share within their stated sigmas, stated over real errors,
+    and by name the stated sigma and the error, rms over repeats.
+    """
+    off = values - true
+    rms = np.sqrt([(sigmas**2).mean(axis=0), (off**2).mean(axis=0)])
+    return {
+        "of": "its numbers",
+        "inside_of_truth": float(np.mean(np.abs(off) < sigmas)),
+        "stated_over_real": float(np.median(rms[0] / rms[1])),
+        "numbers": dict(zip(names, rms.T.tolist(), strict=True)),
+    }

@@ -41,8 +41,9 @@ _CASES = {
 _PLENOPTIC = """Calibrations see twelve boards at three distances. Field and depth: largest of the three; beyond: half a
 step before or behind them; outside: where no board was; chief and marginal: near the middle and the edge of
 micro-images. Turn and place are those of the boards. Baselines are fitted from the first-order truth on: what is left
-is the model's. Less mirrored: without boards that the program takes for tilted the other way. Views: what each takes
-from micro-images instead of what it should, and how far from there its viewpoint lies."""
+is the model's. The twin is fitted to at most 800 of the rows, from drawings of the camera that are off: it knows the
+lens, which the others are not told. Less mirrored: without boards that the program takes for tilted the other way.
+Views: what each takes from micro-images instead of what it should, and how far from there its viewpoint lies."""
 
 
 def write_page(out: Path) -> Path:

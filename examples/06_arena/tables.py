@@ -79,6 +79,10 @@ def _rms(case: Results) -> str:
     return " ".join(f"{value:.3f}" for value in case["rms_px"])
 
 
+def _depth(case: Results) -> str:
+    return " ".join(map(number, case["depth_mm"]))
+
+
 def _largest(case: Results) -> str:
     outside = case.get("outside_px")
     return f"{case['largest_px']:.2f}" + (f" ({outside:.2f})" if outside is not None else "")
@@ -90,6 +94,7 @@ def _pupil(case: Results) -> str:
 
 _CALIBRATORS: dict[str, Cell] = {
     "Projection error over the field at 300, 500, 1000 and 5000 mm, rms length [px]": _rms,
+    "Depth of a point by rays from two cameras, 60 mm apart, at these distances, rms error [mm]": _depth,
     "Largest projection error at these distances, in parentheses outside of what the boards covered [px]": _largest,
     "Error of the entrance pupil: x, y, z [mm]": _pupil,
 }
@@ -132,34 +137,40 @@ def _own(results: Results) -> Table:
 
 def _honesty(results: Results) -> Table:
     """Stated uncertainties of calibrations and of corners: over real ones, and how often they hold."""
-    stated = [
-        (who, one["honesty"]["of"], one["honesty"]) for who, one in results["calibrators"].items() if one.get("honesty")
-    ]
+    stated = [(who, kept["of"], kept) for who, one in results["calibrators"].items() for kept in one["honesty"]]
     for who, one in results["detectors"].items():
         for name, judged in one["conditions"].items():
             if "stated" in judged and "J" in judged["against"]:
                 real = np.sqrt(np.trace(np.array(judged["against"]["J"]["noise_px2"])) / 2)
                 ratio = judged["stated"]["sigma_px"] / real if real > 0 else float("nan")
                 stated.append((who, f"corners, {name}", judged["stated"] | {"stated_over_real": ratio}))
-    rows = []
-    for who, of, one in stated:
-        ratio = one["stated_over_real"]
-        shares = [
-            f"{100 * one[key]:.0f} %" if key in one else NOTHING for key in ("inside_of_noise", "inside_of_truth")
-        ]
-        rows.append([who, of, f"{ratio:.2f}" if ratio == ratio else NOTHING, *shares])
+    rows = [[who, of, *_kept(one)] for who, of, one in stated]
     head = ["who states it", "of what", "stated / real sigma", "noise within 1 sigma", "error within 1 sigma"]
     return "Honesty: 68 % is what one sigma promises", head, rows
 
 
+def _kept(one: Results) -> list[str]:
+    ratio = one["stated_over_real"]
+    shares = [f"{100 * one[key]:.0f} %" if key in one else NOTHING for key in ("inside_of_noise", "inside_of_truth")]
+    return [f"{ratio:.2f}" if ratio == ratio else NOTHING, *shares]
+
+
 def _numbers(results: Results) -> Table:
     """Numbers of a lens that calibrations find: deviations that they state, and errors that they have."""
-    rows = []
-    for who, one in results["calibrators"].items():
-        for name, pair in ((one.get("honesty") or {}).get("numbers", {})).items():
-            rows.append([who, name.removeprefix("/Calibration/Rig/"), *(f"{value:.3g}" for value in pair)])
+    rows = [[who, *row] for who, one in results["calibrators"].items() for row in _numbers_kept(one)]
     head = ["calibrator", "number", "stated sigma", "rms error"]
     return "Numbers of the lens over the repeats with noise [mm or degrees]", head, rows
+
+
+def _numbers_kept(judged: Results) -> Iterator[list[str]]:
+    for kept in judged.get("honesty", []):
+        for name, pair in kept.get("numbers", {}).items():
+            yield [_short(name), *(f"{value:.3g}" for value in pair)]
+
+
+def _short(name: str) -> str:
+    """Name of a number below the rig."""
+    return name.partition("/Rig/")[2] or name
 
 
 def plenoptic(results: Results) -> list[Table]:
@@ -199,11 +210,13 @@ def _largest_of(values: np.ndarray) -> tuple[float, float]:
 
 
 def _parameters(judged: Results) -> Iterator[list[str]]:
-    """Numbers that calibrations find beside those of first-order optics; with their spread where there is noise."""
+    """Numbers that calibrations find beside those of first-order optics, or of the stage; with their spread where there
+    is noise.
+    """
     for key, true in judged.get("true", {}).items():
         spread_ = judged.get("spread", {}).get(key)
         values = [f"{value:.6g}" for value in (true, judged["exact"]["parameters"][key])]
-        yield [key, *values, NOTHING if spread_ is None else f"{spread_:.2g}"]
+        yield [_short(key), *values, NOTHING if spread_ is None else f"{spread_:.2g}"]
 
 
 def _types(judged: Results) -> Iterator[list[str]]:
@@ -251,7 +264,15 @@ _ANSWERS: dict[str, tuple[str, Callable[[Results], Iterator[list[str]]]]] = {
         " place mm",
         _calibrations,
     ),
-    "Parameters": ("parameter, first order, from exact rows, spread by noise", _parameters),
+    "Honesty: 68 % is what one sigma promises": (
+        "of what, stated / real sigma, noise within 1 sigma, error within 1 sigma",
+        lambda judged: ([kept["of"], *_kept(kept)] for kept in judged.get("honesty", [])),
+    ),
+    "Numbers of the stage over the repeats with noise [mm or degrees]": (
+        "number, stated sigma, rms error",
+        _numbers_kept,
+    ),
+    "Parameters": ("parameter, true or first order, from exact rows, spread by noise", _parameters),
     "Types of microlenses by their focal lengths": ("positions, right", _types),
     "Centres of micro-images": (
         "found, rms px to centre, rms px to centroid, rms px to exit pupil, bias px to centroid",

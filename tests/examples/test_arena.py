@@ -141,7 +141,8 @@ def test_a_wrong_principal_distance_is_an_error_of_the_known_size():
     """A pinhole of 1.001 times the principal distance projects every point 0.001 times its radius too far out.
 
     Moving the camera makes good for that on one plane, by 0.001 of the distance; with two it cannot. What is left on a
-    plane at depth d, moved by m, is r (1.001 (1 + m / d) - 1).
+    plane at depth d, moved by m, is r (1.001 (1 + m / d) - 1). By similar triangles such a pinhole triangulates depths
+    that are 1.001 times as large, from where it stands. If 1.001 is one sigma, the same error is that of projections.
     """
     exact = pinhole()
     rays = exact.direction.reshape(-1, 3) / [1.001, 1.001, 1.0]
@@ -155,6 +156,14 @@ def test_a_wrong_principal_distance_is_an_error_of_the_known_size():
     # Least squares over the planes: the sum of (0.001 + m / d) / d over them vanishes, to first order.
     inverse = 1 / (np.array(exact.fitted_mm) - CENTRE_MM[2])
     assert moved_mm == pytest.approx(-0.001 * inverse.sum() / (inverse**2).sum(), rel=0.01)
+    deep = judge.depth_errors_mm(exact, field, EVERYWHERE, 60.0)
+    np.testing.assert_allclose(deep, np.abs(0.001 * (depths - moved_mm) + moved_mm), rtol=0.01, atol=1e-3)
+    at_stop = exact.origin_mm[..., :2].reshape(-1, 2)
+    said = {"slopes": slopes(exact.direction.reshape(-1, 3)), "offsets_mm": at_stop}
+    said |= {"moved_slopes": slopes(rays)[None]}
+    said |= {"moved_offsets_mm": CENTRE_MM[:2] - CENTRE_MM[2] * said["moved_slopes"]}
+    stated_px2 = judge.stated_covariance(exact, said, EVERYWHERE)
+    np.testing.assert_allclose(stated_px2, field.error_px[..., None] * field.error_px[..., None, :], 1e-3, 1e-5)
 
 
 def test_the_hull_of_the_points_is_what_a_calibration_covers():
@@ -216,7 +225,7 @@ def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
 @pytest.mark.heavy
 def test_a_small_arena_runs_and_its_best_calibration_is_near_the_truth(tmp_path):
     command = [sys.executable, EXAMPLE / "arena.py", "conventional", "--small", "--out", tmp_path]
-    subprocess.run([*command, "--only", "SB", "Brown"], check=True, cwd=EXAMPLE.parents[1])
+    subprocess.run([*command, "--only", "OpenCV SB", "Brown", "twin"], check=True, cwd=EXAMPLE.parents[1])
     results = json.loads((tmp_path / "results.json").read_text())
 
     assert results["missing"] == {} and (tmp_path / "page.html").stat().st_size > 10_000
@@ -224,3 +233,7 @@ def test_a_small_arena_runs_and_its_best_calibration_is_near_the_truth(tmp_path)
     assert sharp["found"] == 1 and sharp["against"]["J"]["lasting_px"] < 0.1
     exact = results["calibrators"]["OpenCV Brown"]["cases"]["exact"]
     assert max(exact["rms_px"]) < 0.2 and exact["own_rms_px"] < 0.01
+    twin = results["calibrators"]["twin"]
+    assert max(twin["cases"]["exact"]["rms_px"]) < 0.05 < max(exact["rms_px"])  # its truth is among its models
+    assert [kept["of"] for kept in twin["honesty"]] == ["its numbers", "projection at 500 mm"]
+    assert all(0.5 < kept["stated_over_real"] < 2 for kept in twin["honesty"])

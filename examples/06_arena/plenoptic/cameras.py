@@ -15,6 +15,8 @@ COLUMNS, ROWS = 9, 6
 _TURNS_DEG = ((0, 0), (22, 0), (0, -24), (-18, 16))
 """Turns of a board about x and y at each distance [deg]: without tilted boards no distance is determined. About z it
 turns by 3, 8, 13 and 18, to either side from one to the next, as some programs mind the side."""
+_SENSOR_MM = 0.05
+"""Tolerance of the sensor's distance, where a stage says that and not what is in focus [mm]."""
 FLAWS = {
     "designed": "as designed",
     "tilted": "array turned by 0.2 degrees about x",
@@ -91,6 +93,10 @@ def write_stage(rig: Rig, place: Path) -> None:
         "Board": {"squareSize": rig.square_mm},
     }
     with_values(stage, values)
+    if rig.sensor_mm is not None:
+        focus = stage.GetPrimAtPath("/Arena/Made/Focus")
+        focus.GetRelationship("plen:tolerance:of").SetTargets(["/Arena/Rig/Camera.plen:camera:sensorDistance"])
+        focus.GetAttribute("plen:tolerance:spread").Set(_SENSOR_MM)
     pairs = [(distance, number) for distance in rig.distances_mm for number in range(len(_TURNS_DEG))]
     sides = [(-1) ** (number + position // len(_TURNS_DEG)) for position, (_, number) in enumerate(pairs)]
     turns = [

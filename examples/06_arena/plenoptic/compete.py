@@ -18,6 +18,7 @@ import plenopticam
 import plenoptictoolbox
 import plenoptisign
 import refocus
+import twin
 from cameras import Rig, write_stage
 from environments import Failed
 from judging import Answer, Calibration, centre_errors, disparity_errors, judged, types_right
@@ -38,7 +39,7 @@ def prepared(names: list[str], snapshots: Path | None, programs: Path) -> tuple[
     ready, missing = [], dict(NOT_RUN)
     for name in names:
         module, _ = CONTESTANTS[name]
-        if snapshots is None and module not in (plenopticam, plenoptisign):
+        if snapshots is None and module not in (plenopticam, plenoptisign, twin):
             missing[name] = "needs its source: --snapshots FOLDER"
             continue
         try:
@@ -222,6 +223,7 @@ CONTESTANTS: dict[str, tuple[Any, Callable[[Truth, Answer, Path, Answer], Answer
     "plenopticam": (plenopticam, plenopticam_judged),
     "PlenopticToolbox": (plenoptictoolbox, disparity_judged),
     "plenoptisign": (plenoptisign, unjudged),
+    "twin": (twin, twin.twin_judged),
 }
 """Adapters, and who judges what they return."""
 NOT_RUN = {
