@@ -124,20 +124,32 @@ def towards_sensor(prescription: Prescription) -> np.ndarray:
 
 
 def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray | None = None) -> np.ndarray:
-    """Surfaces from the front one on; `sign` is that of the frame's z against the lens frame's."""
+    """Rows of all surfaces from the front one to the rear one, (n, columns), for light in either direction.
+
+    `sign`: 1 for light towards the sensor, in the lens frame moved to the stop; -1 for light towards the scene, in the
+    vision frame, whose z is opposite.
+    `vision_from_film`: the film frame of a tilted sensor, (4, 4) [mm], for light towards the scene.
+    """
     rows = []
     in_front = prescription.index_in_front
-    for surface, vertex_mm, motion in placed(prescription):
+    for surface, vertex_mm, displacement in placed(prescription):
+        # Divide the index on the side from which the light comes by that on the other side.
         index_ratio = in_front / surface.index if sign > 0 else surface.index / in_front
         row = _row(surface, sign * vertex_mm, index_ratio, sign)
-        if motion is not None:
-            displaced = motion if sign > 0 else VISION_FROM_CAMERA @ motion @ VISION_FROM_CAMERA
-            row = _moved(row, displaced)
+        if displacement is not None:
+            # It is stated in the lens frame. The vision frame is that frame after half a turn about x, its own inverse.
+            if sign < 0:
+                displacement = VISION_FROM_CAMERA @ displacement @ VISION_FROM_CAMERA
+            row = _moved(row, displacement)
         rows.append(row)
         in_front = surface.index
+    # Rays from a tilted sensor come to the rear surface, their first, in the film frame, and leave it in the vision
+    # frame. So its row gets its motion in both: in the vision frame for the exit, and in the film frame for the entry.
     if vision_from_film is not None:
-        displaced = motion_of(np.array(rows[-1]))
-        rows[-1] = _moved(rows[-1], displaced, inverse(vision_from_film) @ displaced)
+        in_vision = motion_of(np.array(rows[-1]))
+        in_film = inverse(vision_from_film) @ in_vision
+        rows[-1] = _moved(rows[-1], in_vision, in_film)
+    # Rows are as long as their coefficients, edges and motions need: fill them up with zeros.
     table = np.zeros((len(rows), max(map(len, rows))))
     for i, row in enumerate(rows):
         table[i, : len(row)] = row

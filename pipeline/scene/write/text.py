@@ -255,26 +255,35 @@ def lay_over(stage: Path, layer: Sdf.Layer, out: Path, about: Iterable[str]) -> 
 
 
 def distortion_layer(stage: Path, out: Path, view: SeenCamera) -> str:
-    """Text of a layer `out` that stands on a stage and applies schemas to one of its cameras."""
+    """Text of a layer, to be written to `out`, that describes a camera of a stage to other renderers.
+
+    The layer lies over the stage and writes two cameras. Ours, whose origin is the centre of the aperture stop, gets
+    all schemas, for programs that choose among them. A new one below it stands at the centre of projection and is the
+    one to render through: it gets the schema that counts, and the film of a plain pinhole.
+    """
     layer = Sdf.Layer.CreateAnonymous(".usda")
     lay_over(stage, layer, out, view.about)
+    # Apply all schemas to our camera, and the one that counts to the camera at the centre of projection.
     camera = Sdf.CreatePrimInLayer(layer, view.prim_path)
     _apply(camera, view.schemas, view.model)
     child = Sdf.PrimSpec(camera, CHILD, Sdf.SpecifierDef, "Camera")
     _apply(child, [schema for schema in view.schemas if schema.model == view.model], view.model)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
+    # Move the child to the centre of projection, in units of the stage. USD's cameras have y up and look along -z; the
+    # vision frame has y down and z forward. `0 - y` keeps a zero without a sign, which `-y` would write as -0.
     x, y, z = (length / unit_mm for length in view.centre_mm)
-    _write(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))  # it looks along -z
+    _write(child, "xformOp:translate", Sdf.ValueTypeNames.Double3, Gf.Vec3d(x, 0 - y, 0 - z))
     order = Sdf.AttributeSpec(child, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
     order.default = ["xformOp:translate"]
-    film = TENTHS / unit_mm
-    plain = {
+    # Give it the film of a plain pinhole, which USD measures in tenths of the unit of the stage.
+    tenths_per_mm = TENTHS / unit_mm
+    plain_mm = {
         "focalLength": view.principal_mm,
         "horizontalAperture": view.size_mm[0],
         "verticalAperture": view.size_mm[1],
     }
-    for name, length_mm in plain.items():
-        _write(child, name, Sdf.ValueTypeNames.Float, film * length_mm)
+    for name, length_mm in plain_mm.items():
+        _write(child, name, Sdf.ValueTypeNames.Float, tenths_per_mm * length_mm)
     return text_of(layer)
 
 
