@@ -322,31 +322,35 @@ class Contours:
         self._origins, self._directions = origins, directions
 
     def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Distances (n, d) from the origins; NaN where no light was found.
+        """Distances (n, d) on the sensor from the origins to where the light ends [mm]; NaN where none was found.
 
-        `outside`: approximate radius of the dark. The search runs inwards, because near the middle a small pupil may be
-        visible through the inside of the aperture only.
+        A position is lit if a ray from it through any of the rim points that are tried passes the camera.
+
+        `outside`: distance beyond which it is dark, approximately. The search runs inwards from there, because near the
+        middle a small pupil may be visible through the inside of the aperture only, and no rim point is lit.
         `step`: shorter than the distance over which the rim stays lit once light has reached it.
         """
-        # Step outwards into the dark, then inwards until a coarse rim point is lit.
-        tried = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
+        # Step outwards until all coarse rim points are dark.
+        coarse = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
         step = np.broadcast_to(step[:, None], outside.shape)
-        _, high = self._darkened(outside, outside, step, tried)
+        _, high = self._darkened(outside, outside, step, coarse)
+        # Step inwards, as far as the origin, until one of them is lit: then the light ends between low and high.
         low = high - step
-        where = np.full(high.shape, -1)
+        lit_point = np.full(high.shape, -1)
         for _ in range(_CONTOUR_WIDENINGS):
-            lit = self._lit(low, tried)
-            where = np.where(where < 0, lit, where)
-            inward = (where < 0) & (low > 0)
-            if not inward.any():
+            lit_point = np.where(lit_point < 0, self._lit(low, coarse), lit_point)
+            goes_on = (lit_point < 0) & (low > 0)
+            if not goes_on.any():
                 break
-            low, high = np.where(inward, low - step, low), np.where(inward, low, high)
-        # Bisect by the coarse points, then by fine ones about the last that was lit.
-        low, high, where = self._bisected(low, high, where, tried, _COARSE_STEPS)
-        tried = _Points(where - _STRIDE, _FINE, _FINE_STRIDE)
-        low, high = self._darkened(low, high, high - low, tried)
-        low, high, _ = self._bisected(low, high, where, tried, _FINE_STEPS)
-        return np.where(where >= 0, (low + high) / 2, np.nan)
+            low, high = np.where(goes_on, low - step, low), np.where(goes_on, low, high)
+        # Bisect to where the last coarse point goes dark.
+        low, high, lit_point = self._bisected(low, high, lit_point, coarse, _COARSE_STEPS)
+        # Between that point and its neighbours the rim may be lit farther out: step outwards again, by fine points, and
+        # bisect.
+        fine = _Points(lit_point - _STRIDE, _FINE, _FINE_STRIDE)
+        low, high = self._darkened(low, high, high - low, fine)
+        low, high, _ = self._bisected(low, high, lit_point, fine, _FINE_STEPS)
+        return np.where(lit_point >= 0, (low + high) / 2, np.nan)
 
     def _darkened(
         self, low: np.ndarray, high: np.ndarray, step: np.ndarray, tried: _Points
