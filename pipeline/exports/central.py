@@ -24,29 +24,37 @@ _WORTH_IT = 0.9
 
 
 def central_model(camera: ExportCamera, alternatives: Iterable[str]) -> CentralModel:
-    """The central model of a conventional camera, in our conventions.
+    """The central model of a conventional camera: the equivalent pinhole if it is good enough, else a fit to rays.
 
-    `alternatives`: names of models of `pipeline fit` that may stand for it, the simplest first.
+    Vision frame [mm], and image positions in our conventions [px].
+
+    `alternatives`: names of models of `pipeline fit` that may replace the pinhole, the simplest first.
     Raises ExportError: none fits.
     """
-    models = [] if camera.pinhole is None else [_of_pinhole(camera)]
-    if models and camera.built.record["lens"].get("is_ideal"):  # what is left is of its aperture, and no distortion
-        return models[0]
-    if models and body_and_channel(camera.name)[1]:  # the pinhole is that of another wavelength
-        models, alternatives = [], ("brown", *alternatives)
+    # Each kept model is better than those before it; the last one is the result.
+    kept = [] if camera.pinhole is None else [_of_pinhole(camera)]
+    # An ideal lens has no distortion but what its stage states. What its pinhole leaves comes from mean rays of a wide
+    # aperture, which do not meet in one point: a further model would take that for distortion.
+    if kept and camera.built.record["lens"].get("is_ideal"):
+        return kept[0]
+    # camera.json has one pinhole, at the camera's own wavelength: a channel starts again from its own rays.
+    if kept and body_and_channel(camera.name)[1]:
+        kept, alternatives = [], ("brown", *alternatives)
     field = None
     for name in alternatives:
-        if models and models[0].name == "brown" and models[0].rms_px <= _ENOUGH_PX:
+        # Stop if Brown's model, the pinhole's or fitted as the first alternative, is good enough.
+        if kept and kept[0].name == "brown" and kept[0].rms_px <= _ENOUGH_PX:
             break
+        # Fit the alternative to the rays of the image, traced once. Keep it if it is better by a tenth than the last.
         field = field or field_of(camera)
         with suppress(FitError):
-            further = _of_fit(fitted(field, name), field)
-            is_better = not models or further.rms_px < _WORTH_IT * models[-1].rms_px
-            if is_better and not is_absurd(further.max_px, camera.size_px):
-                models.append(further)
-    if not models:
+            fit = _of_fit(fitted(field, name), field)
+            is_better = not kept or fit.rms_px < _WORTH_IT * kept[-1].rms_px
+            if is_better and not is_absurd(fit.max_px, camera.size_px):
+                kept.append(fit)
+    if not kept:
         raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(alternatives)}")
-    return models[-1]
+    return kept[-1]
 
 
 def _of_pinhole(camera: ExportCamera) -> CentralModel:

@@ -224,23 +224,35 @@ def _grid(material: Material, camera: ExportCamera, convention: Convention) -> M
 
 
 def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid | None) -> ExportCamera:
-    images, models = camera.micro_images, dict[str, Any]()
+    """A camera with image positions, microlenses and their types as a format counts them; its pose is added elsewhere.
+
+    `grid`: numbers of its micro-images by column and row; None for a conventional camera.
+    """
+    # Convert all image positions: principal points, the optical axis, and those at which the camera has rays.
+    models = dict[str, Any]()
     for name in ("pinhole", "plain_pinhole", "central"):
         if (model := getattr(camera, name)) is not None:
             point_px = convention.positions(model.principal_point_px, camera.size_px)
             models[name] = replace(model, principal_point_px=point_px)
-    axis, rays = convention.positions(camera.axis, camera.size_px), replace(camera.rays, convention=convention)
+    axis = convention.positions(camera.axis, camera.size_px)
+    rays = replace(camera.rays, convention=convention)
+    images = camera.micro_images
     camera = replace(camera, **models, axis=axis, rays=rays)
     if images is None or grid is None:
         return camera
-    central = int(np.linalg.norm(images.centres - (np.array(camera.size_px) - 1) / 2, axis=1).argmin())
+    # Find the micro-image nearest to the middle of the image, while centres are positions of ours, and convert them.
+    middle_px = (np.array(camera.size_px) - 1) / 2
+    central = int(np.linalg.norm(images.centres - middle_px, axis=1).argmin())
     images = replace(images, centres=convention.positions(images.centres, camera.size_px))
+    # Fit a regular mesh to the converted centres, while microlenses still have our numbers, by which it counts them.
     mesh = grid.mesh(images, central)
+    # Number microlenses and types as the format does.
     if convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         images = grid.renumbered(images)
     elif convention.microlenses is Microlenses.FROM_CENTRAL:
-        count, first = len(images.own_types), images.types[central]
-        images = retyped(images, (np.arange(count) - first) % count, (images.types - first) % count)
+        # The type of the central microlens becomes 0; the others follow in our order, and after the last our first.
+        types, of_central = len(images.own_types), images.types[central]
+        images = retyped(images, (np.arange(types) - of_central) % types, (images.types - of_central) % types)
     elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
         images = replace(images, types=images.types + 1)
     return replace(camera, micro_images=images, mesh=mesh)
