@@ -103,16 +103,22 @@ class Draft(NamedTuple):
     def camera(
         self, entry: CameraEntry, *, is_alone: bool = False, has_planes: bool = False, f_number: float | None = None
     ) -> str:
-        """The task that hands on a camera, added at its first use.
+        """Name of the task that hands on the camera of an entry; the first call adds it.
 
-        The camera is in the channel of the entry, and behind windows that stand in the world unless `is_alone`. With
-        `has_planes` it has its planes of J_near and J_far; with an `f_number` its stop is set to that.
+        The camera is in the light of the entry's channel, if it has one.
+
+        `is_alone`: leave out the windows that stand in the world before the camera.
+        `has_planes`: keep its planes of J_near and J_far, which tasks that do not need them should not depend on.
+        `f_number`: set its stop to that; not together with `has_planes`, because the name would not tell.
         """
+        # `entry.camera` is composed when it is asked for, with the windows that the entry has then.
         entry = replace(entry, windows=None) if is_alone and entry.windows else entry
-        shown = "planes" if has_planes else "" if f_number is None else shown_f_number(f_number)
-        name = "/".join(filter(None, ["camera", entry.full_name, "windows" * bool(entry.windows), shown]))
+        # The name tells the variants apart: behind windows, with planes, or at an F-number.
+        variant = "planes" if has_planes else "" if f_number is None else shown_f_number(f_number)
+        name = "/".join(filter(None, ["camera", entry.full_name, "windows" * bool(entry.windows), variant]))
         if name in self.graph:
             return name
+        # Compose the camera; what is wrong with it is reported at its prim.
         with blamed_on(entry.file, entry.line, entry.prim_path):
             camera = settled(entry)
             if has_planes:

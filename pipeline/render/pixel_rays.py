@@ -152,41 +152,46 @@ def rays_of(band: Band, batch: Batch, counts: Int64[np.ndarray, "n s"]) -> Itera
 def _by_processor(wanted: _Wanted) -> Iterator[PixelRays]:
     tracer = wanted.band.rig.tracer
     samples = wanted.samples
-    room = room_for(0)
+    buffer = room_for(0)
     of_pixel = wanted.counts.sum(axis=1)
     pixels = np.flatnonzero(of_pixel)
     for first, end in _stretches(of_pixel[pixels], _RAYS_PER_CHUNK):
         stretch = pixels[first:end]
-        most = int(of_pixel[stretch].sum())
-        if len(room.share) < most:
-            room = room_for(most)
+        started = int(of_pixel[stretch].sum())
+        if len(buffer.share) < started:
+            buffer = room_for(started)
         squares = wanted.squares(stretch)
-        count = bundle_kernels.image_rays(tracer.arrays, samples, squares, wanted.band.rig.diffraction, room)
-        bundle_kernels.image_rays.count(most, len(tracer.table))
-        yield wanted.rays(stretch, squares, room.first(count))
+        left = bundle_kernels.image_rays(tracer.arrays, samples, squares, wanted.band.rig.diffraction, buffer)
+        bundle_kernels.image_rays.count(started, len(tracer.table))
+        yield wanted.rays(stretch, squares, buffer.first(left))
 
 
 def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
-    """Rays traced in large groups, but handed on in stretches as short as those of processors, which shade them."""
+    """Rays traced on a device for large groups of pixels, but handed on in stretches as short as `_by_processor` has:
+    processors shade them, and a stretch stays in their cache.
+    """
     from pipeline.camera.on_device import ImageRays, leaving_rays
 
     tracer = wanted.band.rig.tracer
     of_pixel = wanted.counts.sum(axis=1)
-    room = room_for(_RAYS_PER_CHUNK)
+    buffer = room_for(_RAYS_PER_CHUNK)
     assert wanted.band.rig.device is not None
     tracing = ImageRays(wanted.band.rig.device, tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
     pixels = np.flatnonzero(of_pixel)
     for first, end in _stretches(of_pixel[pixels], _RAYS_ON_DEVICE):
-        together = pixels[first:end]
-        rays = tracing.started(wanted.squares(together))
-        before = 0
-        for low, high in _stretches(of_pixel[together], _RAYS_PER_CHUNK):
-            stretch = together[low:high]
+        # Trace all rays that start at a group of pixels; those that are blocked keep their places among them.
+        group = pixels[first:end]
+        rays = tracing.started(wanted.squares(group))
+        # Copy those that leave the camera, stretch by stretch. A pixel with more rays than a stretch needs more room.
+        started_before = 0
+        for low, high in _stretches(of_pixel[group], _RAYS_PER_CHUNK):
+            stretch = group[low:high]
             squares = wanted.squares(stretch)
-            most = int(of_pixel[stretch].sum())
-            room = room if most <= len(room.share) else room_for(most)
-            yield wanted.rays(stretch, squares, room.first(leaving_rays(rays, before, squares.counts, room)))
-            before += most
+            started = int(of_pixel[stretch].sum())
+            buffer = buffer if started <= len(buffer.share) else room_for(started)
+            left = leaving_rays(rays, started_before, squares.counts, buffer)
+            yield wanted.rays(stretch, squares, buffer.first(left))
+            started_before += started
 
 
 def _stretches(rays: Int64[np.ndarray, "n"], most: int) -> Iterator[tuple[int, int]]:

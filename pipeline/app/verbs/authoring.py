@@ -52,8 +52,9 @@ def dataset(
 
     if poses is not None and best is not None:
         raise UsageError("--poses and --best both say how many frames there are", hint="give one of them")
-    count, of = (poses or 12, 1) if best is None else (best, CANDIDATES)
-    wish = Wish(count=count, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit, of=of)
+    # With --best every pose is chosen from several candidates; else the candidates are the poses.
+    count, per_pose = (poses or 12, 1) if best is None else (best, CANDIDATES)
+    wish = Wish(count=count, seed=seed, most_tilt_deg=tilt, least_seen=seen, blur_px=blur, fit=fit, of=per_pose)
     _end(out, new_dataset(out, rig, target, wish, camera, note))
 
 

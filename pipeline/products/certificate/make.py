@@ -40,8 +40,13 @@ def certificate(params: Certificate, inputs: Inputs, out: Path) -> None:
 
 
 def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> Json:
-    """Points of each target, and per frame the numbers of points with a row and of rows, for the manifest."""
-    of = {
+    """Counts of points for the manifest: those that each target has (`of`), and those seen in each frame (`frames`).
+
+    A point is seen if it has a row in the table of the frame; one that several microlenses see has several rows, and
+    counts once. `tables` holds all targets of each frame, and its correspondences.
+    """
+    # The targets of the first frame are those of every frame: only their poses differ.
+    points_of = {
         entry.name: len(target_from_plain(entry.target).points().kinds)
         for targets, _ in tables[:1]
         for entry in targets
@@ -50,10 +55,9 @@ def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget
     for number, (_, table) in zip(numbers, tables, strict=True):
         points = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
         counts = Counter(target for target, _ in points)
-        frames.append(
-            {"frame": number, "rows": len(table.columns["target"]), "seen": {name: counts[name] for name in of}}
-        )
-    return {"of": of, "frames": frames}
+        seen = {name: counts[name] for name in points_of}
+        frames.append({"frame": number, "rows": len(table.columns["target"]), "seen": seen})
+    return {"of": points_of, "frames": frames}
 
 
 def judged(

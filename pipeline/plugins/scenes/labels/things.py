@@ -93,26 +93,34 @@ class LabelledScene:
             in_vision(*then) if then and len(then[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
             for mesh, then in zip(solids, later.occluders, strict=True)
         ]
+        # Those of targets only hold the places: `met` moves hits on them by the motion.
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])
 
     def met(self, of_pixels: PixelRays) -> Met:
-        """First hits of rays."""
+        """First hits of the rays that leave a camera, vision frame [mm]; rays that meet nothing are left out."""
+        # Find the first triangle on each ray, or the first that does not let it pass. Both count triangles alike: those
+        # of all patches, then those of occluders.
         rays = of_pixels.leaving
         triangle = self._lit.first_seen(of_pixels) if self._lit else self._embree.first_hit(rays.origin, rays.direction)
         ray = np.flatnonzero(triangle >= 0)
         triangle, origin, direction = triangle[ray], rays.origin[ray], rays.direction[ray]
+        # Number the pieces that these triangles belong to: patches, then occluders.
         piece = np.searchsorted(self._embree.first, triangle, side="right") - 1
-        point, normal, shares = _on_planes(self._corners[triangle], origin, direction)
-        later, sheet = np.einsum("nk,nki->ni", shares, self._later[triangle]), np.full((len(ray), 2), np.nan)
-        for number, (owner, patch, pose) in enumerate(self._patches):
+        # Intersect rays with the planes of triangles. For occluders this is exact, and a hit has the same barycentric
+        # coordinates in the next frame.
+        point, normal, barycentric = _on_planes(self._corners[triangle], origin, direction)
+        later = np.einsum("nk,nki->ni", barycentric, self._later[triangle])
+        # Refine hits on targets from the mesh to the true surface, which moves with its target.
+        sheet = np.full((len(ray), 2), np.nan)
+        for number, (target, patch, pose) in enumerate(self._patches):
             rows = np.flatnonzero(piece == number)
-            there = _on_patch(patch, pose, direction[rows], point[rows], normal[rows])
-            point[rows], normal[rows], sheet[rows] = there
-            later[rows] = apply(self._motion[owner], point[rows])
+            on_surface = _on_patch(patch, pose, direction[rows], point[rows], normal[rows])
+            point[rows], normal[rows], sheet[rows] = on_surface
+            later[rows] = apply(self._motion[target], point[rows])
+        # Turn normals against the rays.
         normal *= -np.sign(np.einsum("ni,ni->n", normal, direction))[:, None]
-        return Met(
-            ray, self._thing[piece], np.where(piece < len(self._patches), piece, -1), point, normal, sheet, later
-        )
+        face = np.where(piece < len(self._patches), piece, -1)
+        return Met(ray, self._thing[piece], face, point, normal, sheet, later)
 
 
 def _on_planes(
