@@ -195,13 +195,22 @@ def _candidate(lamps, layers, estimates, surface, pair, asked):
 
 @inline
 def _scattered(layers, surface, dice, may_end):
-    """A direction drawn by the reflectance, its height above the viewed side, the reflectance times the cosine, the
-    density, and the probability of survival. A path without reflectance ends.
+    """The next direction of a path, drawn by the reflectance of the surface, and what its light counts.
+
+    Returns the unit direction, vision frame; its component along the normal on the viewed side, negative for light that
+    passes into or out of glass; reflectance times cosine, f cos [1/sr], 0 for a path that ends; the density with which
+    the direction was drawn [1/sr]; and the probability that the path survives.
+
+    `dice`: what `draws.draw` takes, with the first stage of this vertex.
+    `may_end`: whether the path may end at random (Russian roulette).
     """
+    # Draw random numbers: a pair for the direction; of another pair the first decides whether the path goes on, and the
+    # second whether glass reflects or refracts.
     points, key, number, stage = dice
     pair, survival = draws.draw(points, key, number, stage + draws.SCATTER), (0.0, 0.0)
     if may_end or surface.paint.ratio > 0.0:
         survival = draws.draw(points, key, number, stage + draws.SURVIVAL)
+    # Draw the direction in the frame of the surface, whose z is the normal on the viewed side: -normal inside of glass.
     out, survives = _outside(surface.paint), 1.0
     if surface.paint.ratio > 0.0:
         lit = glass_scattered(surface.paint, surface.viewed.direction, pair, survival[1])
@@ -212,8 +221,10 @@ def _scattered(layers, surface, dice, may_end):
     if not (value > 0.0 and chance > 0.0):
         return surface.normal, 0.0, 0.0, 1.0, 1.0
     direction = unit(world(lit, surface.x, surface.y, times(out, surface.normal)))
+    # End dark paths more often: the probability of survival is f cos over the density, within bounds.
     if may_end:
         survives = min(1.0, max(value / chance, _LEAST))
+    # End also where the normal for shading and that of the triangle differ in the side to which the direction points.
     if survival[0] >= survives or not out * dot(direction, surface.flat) * lit[2] > 0.0:
         return surface.normal, 0.0, 0.0, 1.0, 1.0
     return direction, lit[2], value, chance, survives
