@@ -101,7 +101,9 @@ class FreeStage:
         below = named or [each for each in tolerances if str(each).startswith(f"{path}/")]
         if not below:
             authored = [key for key, each in attributes.items() if each.HasAuthoredValue()]
-            hint = did_you_mean(path, authored) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
+            of_prim = [key for key in authored if key.startswith(f"{path}.plen:")]
+            hint = f"name one of {', '.join(of_prim)}" if of_prim else did_you_mean(path, authored)
+            hint = hint or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
             raise UsageError(f"{self.path} has no property {name!r}, and no tolerances below it", hint=hint)
         return [(self._stage.GetAttributeAtPath(each), None) for each in below]
 

@@ -388,6 +388,7 @@ def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(t
         (["pixel_origin: 0", "position: exact"], ["--pixel-origin", "0.5"], "--pixel-origin says 0.5"),
         (["pixel_origin: 2", "position: exact"], [], "says pixel_origin: 2"),
         (["pixel_origin: 0", "position: exact"], ["--free", "Rig/Lens/S3.plen:radios"], "did you mean"),
+        (["pixel_origin: 0", "position: exact"], ["--free", "Rig/Lens/S3"], "name one of /Scene/Rig/Lens/S3.plen:"),
         (["pixel_origin: 0", "position: exact"], ["--free", "Board.plen:rows"], "no-derivative"),
         (["pixel_origin: 0", "position: exact"], ["--free", "Board.xformOp:translate"], "or say --poses known"),
     ],
