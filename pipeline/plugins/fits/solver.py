@@ -127,7 +127,7 @@ class Linear:
         return counted.reshape(2 * len(columns), columns.shape[2])
 
     def without_poses(self, columns: np.ndarray) -> np.ndarray:
-        """What is left of columns (2 n, k) if poses follow."""
+        """Columns (2 n, k) without the parts that poses take up."""
         left = columns.copy()
         for rows, pose in self.poses:
             left[rows] -= pose.basis @ (pose.basis.T @ columns[rows])
