@@ -48,11 +48,12 @@ rms, matrix, distortion, turns, shifts = cv2.calibrateCamera(
     target_points, image_points, camera.size_px, guess, None, flags=FLAGS, criteria=STOP
 )
 
-found, true = matrix[0, 0] * pitch_mm, pinhole.principal_distance_px * pitch_mm
+fitted_mm, true_mm = matrix[0, 0] * pitch_mm, pinhole.principal_distance_px * pitch_mm
 print(f"{len(tables)} frames, {sum(map(len, tables))} points, RMS {rms:.4f} px, k1 {distortion.ravel()[0]:+.3f}")
-print(f"fx * pitch {found:.3f} mm, principal distance {true:.3f} mm, difference {100 * (found / true - 1):+.3f} %")
+off_percent = 100 * (fitted_mm / true_mm - 1)
+print(f"fx * pitch {fitted_mm:.3f} mm, principal distance {true_mm:.3f} mm, difference {off_percent:+.3f} %")
 for view, turn, shift in zip(camera.views, turns, shifts, strict=True):
-    (known,) = view.poses.pinhole_from_target.values()
-    x, y, z = shift.ravel() - known[:3, 3]
-    angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ known[:3, :3].T)[0]))
+    (true_pose,) = view.poses.pinhole_from_target.values()
+    x, y, z = shift.ravel() - true_pose[:3, 3]
+    angle = np.degrees(np.linalg.norm(cv2.Rodrigues(cv2.Rodrigues(turn)[0] @ true_pose[:3, :3].T)[0]))
     print(f"frames/{view.frame:04d}/{view.camera}: board off by ({x:+.3f}, {y:+.3f}, {z:+.3f}) mm, {angle:.4f} degrees")

@@ -69,10 +69,10 @@ def lengths(x_px: np.ndarray, other_px: np.ndarray) -> np.ndarray:
 
 def mean_and_error(values: np.ndarray) -> tuple[float, float]:
     """Mean and its standard error, of what is there; NaN of nothing."""
-    there = values[~np.isnan(values)]
-    if len(there) < 2:
-        return (float(there[0]) if len(there) else float("nan")), float("nan")
-    return float(there.mean()), float(there.std(ddof=1) / np.sqrt(len(there)))
+    finite = values[~np.isnan(values)]
+    if len(finite) < 2:
+        return (float(finite[0]) if len(finite) else float("nan")), float("nan")
+    return float(finite.mean()), float(finite.std(ddof=1) / np.sqrt(len(finite)))
 
 
 def reference(results: Results, sampling: str, mapping: str) -> np.ndarray:
@@ -102,10 +102,10 @@ def _of_direct(results: Results) -> Iterator[Bar]:
     k10 = reference(results, "ours", "half-pixel")
     x = results.direct_px[-1]
     errors = *mean_and_error(np.hypot(*results.judged_px.T)), *mean_and_error(lengths(x, k10))
-    yield Bar("direct", "half-pixel", "quadrature", 0, 0, len(x), _there(x), *errors)
+    yield Bar("direct", "half-pixel", "quadrature", 0, 0, len(x), _share_of_positions(x), *errors)
 
 
-def _there(x_px: np.ndarray) -> float:
+def _share_of_positions(x_px: np.ndarray) -> float:
     return float(np.mean(np.isfinite(x_px).all(axis=-1)))
 
 

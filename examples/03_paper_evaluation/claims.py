@@ -19,7 +19,7 @@ AGREES = "half-pixel", "independent"
 """The only setting in which no sentence fails."""
 YES, IN_SIGN, NO = "yes", "in sign", "no"
 _BOOTSTRAPS = 400
-_FEW, _SOME, _MANY = 64**2, 128**2, 320**2
+_FEW, _MEDIUM, _MANY = 64**2, 128**2, 320**2
 
 
 def gains(results: Results, sampling: str, mapping: str, few: int, many: int) -> tuple[float, float, float, float]:
@@ -50,14 +50,14 @@ def gains(results: Results, sampling: str, mapping: str, few: int, many: int) ->
 
 def _mean(values: np.ndarray) -> np.ndarray:
     """Mean over the last axis of what is there; NaN of nothing."""
-    there = ~np.isnan(values)
+    finite = ~np.isnan(values)
     with np.errstate(invalid="ignore"):
-        return np.where(there, values, 0.0).sum(axis=-1) / there.sum(axis=-1)
+        return np.where(finite, values, 0.0).sum(axis=-1) / finite.sum(axis=-1)
 
 
 def largest_difference_px(all_bars: list[Bar], sampling: str, mapping: str) -> float:
     """Largest difference of the means of the paper's two methods, against K = 10 as in the paper."""
-    means = [[b.k10_px for b in _of(all_bars, method, sampling, mapping)] for method in METHODS]
+    means = [[b.k10_px for b in _chosen(all_bars, method, sampling, mapping)] for method in METHODS]
     apart = np.abs(np.diff(means, axis=0))
     return float(apart[~np.isnan(apart)].max(initial=0.0))
 
@@ -69,18 +69,18 @@ def own_rays_difference_px(results: Results, mapping: str) -> float:
         both = results.x_px[SAMPLINGS.index("independent"), 0, i, j], results.other_px[i, j]
         image, two_plane = (mean_and_error(lengths(mapped(x, int(k), mapping), k10))[0] for x in both)
         apart.append(abs(image - two_plane))
-    there = ~np.isnan(apart)
-    return float(np.max(apart, where=there, initial=0.0))
+    finite = ~np.isnan(apart)
+    return float(np.max(apart, where=finite, initial=0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A sentence of the paper in one setting: what is seen, and whether the sentence holds.
+    """A sentence of the paper in one setting: what is observed, and whether the sentence holds.
 
     `holds`: YES; IN_SIGN, the trend is there, its size or reach is another; NO.
     """
 
-    seen: str
+    observed: str
     holds: str
 
 
@@ -89,7 +89,7 @@ def judged(
 ) -> dict[tuple[str, str], dict[str, Verdict]]:
     """Per setting, sentence by sentence."""
     all_bars = bars(results)
-    return {(m, s): _judged(results, _of(all_bars, "image", s, m), m, s, all_bars) for m, s in settings}
+    return {(m, s): _judged(results, _chosen(all_bars, "image", s, m), m, s, all_bars) for m, s in settings}
 
 
 def by_threshold(results: Results) -> dict[Variant, dict[str, Verdict]]:
@@ -100,14 +100,14 @@ def by_threshold(results: Results) -> dict[Variant, dict[str, Verdict]]:
 
 def _judged(results: Results, image: list[Bar], mapping: str, sampling: str, all_bars: list[Bar]) -> dict[str, Verdict]:
     samples = [int(n) for n in results.samples]
-    few, some, many = (n if n in samples else samples[-1] for n in (_FEW, _SOME, _MANY))
-    lines = [[b for b in image if b.samples == n] for n in samples if n >= some]
-    more, coarse = gains(results, sampling, mapping, some, many), gains(results, sampling, mapping, few, some)
+    few, medium, many = (n if n in samples else samples[-1] for n in (_FEW, _MEDIUM, _MANY))
+    lines = [[b for b in image if b.samples == n] for n in samples if n >= medium]
+    more, coarse = gains(results, sampling, mapping, medium, many), gains(results, sampling, mapping, few, medium)
     apart = largest_difference_px(all_bars, sampling, mapping)
-    seen = f"{apart:.4f} px"
+    observed = f"{apart:.4f} px"
     if sampling == "independent":
         own = own_rays_difference_px(results, mapping)
-        seen, apart = f"{seen}; {own:.4f} px with rays of their own", max(apart, own)
+        observed, apart = f"{observed}; {own:.4f} px with rays of their own", max(apart, own)
     mean, share = (
         " ".join(cells) for cells in zip(*((f"{b.k10_px:.4f}", f"{b.detected:.0%}") for b in lines[-1]), strict=True)
     )
@@ -123,7 +123,7 @@ def _judged(results: Results, image: list[Bar], mapping: str, sampling: str, all
         "64² is visibly worse than 128²": Verdict(
             f"{coarse[0]:+.4f} ± {coarse[1]:.4f} px, {coarse[2]:+.1%} ± {coarse[3]:.1%} corners", YES if worse else NO
         ),
-        f"the methods' means are within {APART_PX} px": Verdict(seen, YES if apart < APART_PX else NO),
+        f"the methods' means are within {APART_PX} px": Verdict(observed, YES if apart < APART_PX else NO),
     }
 
 
@@ -136,13 +136,13 @@ def further(plenoptic: Results, conventional: Results, cost: Cost) -> dict[str, 
     less = samples * cost.planes.cpu_s / cost.search.cpu_s
     return {
         "the conclusions hold for other thresholds": Verdict(
-            f"all of them with {sum(kept)} of {len(kept)} others", _most(float(np.mean(kept)))
+            f"all of them with {sum(kept)} of {len(kept)} others", _by_majority(float(np.mean(kept)))
         ),
-        "thresholds mainly regulate the number of outliers": _of_outliers(plenoptic),
+        "thresholds mainly regulate the number of outliers": _outliers(plenoptic),
         "conventional cameras are alike": Verdict(
             f"without microlenses fail: {'; '.join(harmed) or 'none'}", NO if harmed else YES
         ),
-        **_of_precision(plenoptic),
+        **_single_precision(plenoptic),
         "`two-plane` is faster from more than two images": Verdict(
             f"J_near and J_far together cost {planes:.2f} J of a board", YES if planes < 2 else NO
         ),
@@ -160,28 +160,30 @@ def failing(sentences: dict[str, Verdict]) -> list[str]:
     return [name for name, verdict in sentences.items() if verdict.holds == NO]
 
 
-def _of_outliers(results: Results) -> Verdict:
+def _outliers(results: Results) -> Verdict:
     """From the strictest to the loosest lambda_d, and without a filter: positions found, and outliers among them."""
     limits = sorted(variant.lambda_d for variant in VARIANTS)
     variants = Variant(lambda_d=limits[0]), Variant(lambda_d=limits[-1]), NO_FILTER
-    found, far = np.array([found_and_outliers(results.by(variant), 0) for variant in variants]).T
-    shares = far / np.maximum(found, 1)
-    seen = (
-        f"λ_d = {limits[0]:g} to {limits[-1]:g} finds {found[0]} to {found[1]} positions, {shares[0]:.0%} to"
-        f" {shares[1]:.0%} of them outliers; no filter {found[2]}, {shares[2]:.0%}"
+    accepted, outliers = np.array([found_and_outliers(results.by(variant), 0) for variant in variants]).T
+    shares = outliers / np.maximum(accepted, 1)
+    observed = (
+        f"λ_d = {limits[0]:g} to {limits[-1]:g} finds {accepted[0]} to {accepted[1]} positions, {shares[0]:.0%} to"
+        f" {shares[1]:.0%} of them outliers; no filter {accepted[2]}, {shares[2]:.0%}"
     )
     more = shares[1:] / max(shares[0], 1e-9)
-    return Verdict(seen, YES if more[0] > found[1] / found[0] else IN_SIGN if more[1] > found[2] / found[0] else NO)
+    return Verdict(
+        observed, YES if more[0] > accepted[1] / accepted[0] else IN_SIGN if more[1] > accepted[2] / accepted[0] else NO
+    )
 
 
-def _of_precision(results: Results) -> dict[str, Verdict]:
+def _single_precision(results: Results) -> dict[str, Verdict]:
     rays, sums = results.traced_px.mean(axis=1)[:2], [values.mean() for values in moved_by_sums_px(results)]
     apart = [largest_difference_px(bars(results.by(v)), *reversed(AGREES)) for v in (PLAIN, SINGLE)]
     return {
         "single precision harms `two-plane` more": Verdict(
             f"rays move `image` by {rays[0]:.0e} px, `two-plane` by {rays[1]:.0e} px;"
             f" running sums by {sums[0]:.4f} and {sums[1]:.4f} px",
-            _most(float(np.mean([rays[1] > 1.5 * rays[0], sums[1] > 1.5 * sums[0]]))),
+            _by_majority(float(np.mean([rays[1] > 1.5 * rays[0], sums[1] > 1.5 * sums[0]]))),
         ),
         "single precision moves the methods' means apart": Verdict(
             f"by {apart[1]:.4f} px, where double precision has {apart[0]:.4f} px; running sums of independent rays",
@@ -192,12 +194,15 @@ def _of_precision(results: Results) -> dict[str, Verdict]:
 
 def moved_by_sums_px(results: Results) -> list[np.ndarray]:
     """What running sums in float32 move positions by the most samples by, of each method: all that both find."""
-    of = SAMPLINGS.index("independent")
-    apart = [lengths(results.by(SINGLE).x_px[of, m, :, -1], results.x_px[of, m, :, -1]) for m in range(len(METHODS))]
+    independent = SAMPLINGS.index("independent")
+    apart = [
+        lengths(results.by(SINGLE).x_px[independent, m, :, -1], results.x_px[independent, m, :, -1])
+        for m in range(len(METHODS))
+    ]
     return [values[~np.isnan(values)] for values in apart]
 
 
-def _most(share: float) -> str:
+def _by_majority(share: float) -> str:
     return YES if share == 1 else IN_SIGN if share >= 0.5 else NO
 
 
@@ -213,10 +218,10 @@ def _falls(line: list[Bar]) -> bool:
     return bool(mean[-2] < mean[0] / 2 and steady.all() and error[-2] < error[0])
 
 
-def _alike(seen: float, error: float, said: float) -> str:
+def _alike(gain: float, error: float, said: float) -> str:
     """Within a factor of two, because the paper's stop, pixels and poses are unknown; or a gain at least."""
-    return YES if said / 2 <= seen <= said * 2 else IN_SIGN if seen > 2 * error and seen > said / 20 else NO
+    return YES if said / 2 <= gain <= said * 2 else IN_SIGN if gain > 2 * error and gain > said / 20 else NO
 
 
-def _of(all_bars: list[Bar], method: str, sampling: str, mapping: str) -> list[Bar]:
+def _chosen(all_bars: list[Bar], method: str, sampling: str, mapping: str) -> list[Bar]:
     return [b for b in all_bars if (b.method, b.sampling, b.mapping) == (method, sampling, mapping)]

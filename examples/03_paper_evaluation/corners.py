@@ -73,12 +73,12 @@ class Corners:
 
     def solved(self, accuracy_px: float) -> np.ndarray:
         """Positions by method `direct` from its own first guesses, (n, 2); NaN where it finds none."""
-        found = np.full((len(self), 2), np.nan)
+        positions_px = np.full((len(self), 2), np.nan)
         guess, _ = guesses(self.rig, self.plane)
         wanted = guess.only(guess.cell == self.cell[guess.point])
         rows = solve(self.rig, wanted, self.plane, accuracy_px, MIN_HIT_FRACTION).solutions
-        found[rows.point] = np.stack([rows.x_px, rows.y_px], axis=1)
-        return found
+        positions_px[rows.point] = np.stack([rows.x_px, rows.y_px], axis=1)
+        return positions_px
 
     def judged(self, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
         """What random rays move the positions by, and their own standard error, (n, 2) each."""

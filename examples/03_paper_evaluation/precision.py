@@ -92,6 +92,6 @@ def through(table: np.ndarray, point: np.ndarray, direction: np.ndarray) -> tupl
 def met(plane: np.ndarray, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
     """Where rays meet a plane, in its own axes, with their precision, (n, 2)."""
     plane = plane.astype(point.dtype)
-    way = plane[ORIGIN] - point
-    hit = ((way @ plane[NORMAL]) / (direction @ plane[NORMAL]))[:, None] * direction - way
+    to_origin = plane[ORIGIN] - point
+    hit = ((to_origin @ plane[NORMAL]) / (direction @ plane[NORMAL]))[:, None] * direction - to_origin
     return np.stack([hit @ plane[FIRST], hit @ plane[SECOND]], axis=1)

@@ -61,9 +61,9 @@ def noise_law(results: Results) -> list[tuple[float, float, int, float, float]]:
     ideal = ideal_grid_share(noises)
     s, cases = SAMPLINGS.index("independent"), []
     # Without microlenses a share is relative to the axis, and a circle of rays is never cut.
-    whole = (results.hit_fraction > 0.999) | results.is_conventional
+    uncut = (results.hit_fraction > 0.999) | results.is_conventional
     for (i, k), (j, n) in itertools.product(enumerate(results.ks), enumerate(results.samples)):
-        fit = whole & np.isfinite(results.sharp_px[0, i, :, 0])
+        fit = uncut & np.isfinite(results.sharp_px[0, i, :, 0])
         # The start on the fine pixel spreads the bundle, too: 1/12 of a step squared.
         steps = np.sqrt((k * results.blur_px[fit]) ** 2 + 1 / 12)
         passed = results.status[s, 0, i, j, fit] == ACCEPTED
@@ -72,9 +72,10 @@ def noise_law(results: Results) -> list[tuple[float, float, int, float, float]]:
     edges = (0.0, 0.125, 0.25, 0.5, 1.0, 2.0, np.inf)
     bins = [(low, high, (ratio >= low) & (ratio < high)) for low, high in itertools.pairwise(edges)]
     law = np.interp(NOISE_STEPS / np.sqrt(ratio), noises, ideal)
-    there = [(low, high, here) for low, high, here in bins if here.any()]
+    filled = [(low, high, within) for low, high, within in bins if within.any()]
     return [
-        (low, high, int(here.sum()), float(passed[here].mean()), float(law[here].mean())) for low, high, here in there
+        (low, high, int(within.sum()), float(passed[within].mean()), float(law[within].mean()))
+        for low, high, within in filled
     ]
 
 

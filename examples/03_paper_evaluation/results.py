@@ -95,9 +95,9 @@ class Results:
         """
         if variant == PLAIN:
             return self
-        number, of = VARIANTS.index(variant), SAMPLINGS.index("independent")
+        number, independent = VARIANTS.index(variant), SAMPLINGS.index("independent")
         x_px, status = self.x_px.copy(), self.status.copy()
-        x_px[of], status[of] = self.variant_px[number], self.variant_status[number]
+        x_px[independent], status[independent] = self.variant_px[number], self.variant_status[number]
         return replace(self, x_px=x_px, status=status, other_px=np.full_like(self.other_px, np.nan))
 
     def save(self, file: Path) -> None:

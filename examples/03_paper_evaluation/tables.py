@@ -22,8 +22,11 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 def report(plenoptic: Results, conventional: Results, cost: Cost) -> str:
     """Everything, under headings."""
     parts = ["# Without microlenses", *_of_camera(conventional), "# The paper's camera", *_of_camera(plenoptic)]
-    asked = claims.further(plenoptic, conventional, cost)
-    parts += ["# What else the paper says", table(["", ""], [[name, _seen(v)] for name, v in asked.items()])]
+    sentences = claims.further(plenoptic, conventional, cost)
+    parts += [
+        "# What else the paper says",
+        table(["", ""], [[name, _cell_of_verdict(v)] for name, v in sentences.items()]),
+    ]
     parts += ["## Other thresholds", _thresholds(plenoptic), "## Without microlenses", _conventional(conventional)]
     parts += ["## Single precision of the rays", _traced(plenoptic, conventional)]
     parts += ["## Single precision of the sums", _summed(plenoptic), "## Cost", _cost(cost)]
@@ -61,12 +64,12 @@ def _about(results: Results) -> str:
 def _verdict(results: Results) -> str:
     judged = claims.judged(results)
     names = list(next(iter(judged.values())))
-    rows = [[name, *(_seen(judged[setting][name]) for setting in SETTINGS)] for name in names]
+    rows = [[name, *(_cell_of_verdict(judged[setting][name]) for setting in SETTINGS)] for name in names]
     return table(["the paper says", *(f"{mapping}, {sampling}" for mapping, sampling in SETTINGS)], rows)
 
 
-def _seen(verdict: claims.Verdict) -> str:
-    return f"{verdict.holds}: {verdict.seen}"
+def _cell_of_verdict(verdict: claims.Verdict) -> str:
+    return f"{verdict.holds}: {verdict.observed}"
 
 
 def _bars(chosen: list[Bar], results: Results) -> str:
@@ -89,13 +92,13 @@ def _pm(mean: float, error: float) -> str:
 
 def _printed(results: Results) -> str:
     law = reading.printed_trend_px(results.ks.astype(float))
-    seen = {
+    bar_of_k = {
         b.k: b
         for b in bars(results)
         if (b.method, b.mapping, b.sampling, b.samples) == ("image", "printed", "ours", results.samples[-1])
     }
     rows = [
-        [str(k), f"{expected:.4f}", _pm(seen[int(k)].k10_px, seen[int(k)].k10_sem_px)]
+        [str(k), f"{expected:.4f}", _pm(bar_of_k[int(k)].k10_px, bar_of_k[int(k)].k10_sem_px)]
         for k, expected in zip(results.ks, law, strict=True)
     ]
     return table(["K", "closed form, px", "ours, px"], rows)
@@ -139,11 +142,11 @@ def _thresholds(results: Results) -> str:
     i, j, rows = [0, len(results.ks) // 2 - 1, -1], [0, -1], []
     usual = {PLAIN: claims.judged(results, (claims.AGREES,))[claims.AGREES]}
     for variant, sentences in (usual | claims.by_threshold(results)).items():
-        here = results.by(variant)
-        shares = detected(here.status[SAMPLINGS.index("independent"), 0])
-        found = [" ".join(f"{share:.0%}" for share in shares[i, n]) for n in j]
-        far = ["{1} of {0}".format(*reading.found_and_outliers(here, n)) for n in j]
-        rows.append([*_limits(variant), *found, *far, "; ".join(claims.failing(sentences)) or "none"])
+        variant_results = results.by(variant)
+        shares = detected(variant_results.status[SAMPLINGS.index("independent"), 0])
+        shares_found = [" ".join(f"{share:.0%}" for share in shares[i, n]) for n in j]
+        far = ["{1} of {0}".format(*reading.found_and_outliers(variant_results, n)) for n in j]
+        rows.append([*_limits(variant), *shares_found, *far, "; ".join(claims.failing(sentences)) or "none"])
     few, many = (f"{int(np.sqrt(n))}²" for n in results.samples[j])
     ks = ", ".join(f"{k}" for k in results.ks[i])
     head = [f"found at K = {ks}, {few}", many, f"beyond {reading.OUTLIER_PX} px, {few}", many, "fails"]
@@ -162,7 +165,7 @@ def _conventional(results: Results) -> str:
     for i, k in enumerate(results.ks):
         cells = []
         for s, m, j in chosen:
-            shares = (f"{detected(results.status[s, m, i, j, some]):.0%}" for some in (sharp, ~sharp))
+            shares = (f"{detected(results.status[s, m, i, j, focused]):.0%}" for focused in (sharp, ~sharp))
             error = mean_and_error(lengths(results.x_px[s, m, i, j], results.truth_px))
             cells.append(f"{' '.join(shares)}; {_pm(*error)}")
         rows.append([str(k), *cells])
@@ -180,19 +183,19 @@ def _traced(*cameras: Results) -> str:
             rms, k = np.sqrt(np.mean(moved**2, axis=1)), results.ks[-1]
             steps = f"{k * moved.max():.1e}"
             rows.append([name, f"{distance_mm:g}", str(moved.shape[1]), *(f"{value:.1e}" for value in rms), steps])
-    head = ["camera", "distance, mm", "corners", *(f"{way}, px" for way in precision.WAYS)]
+    head = ["camera", "distance, mm", "corners", *(f"{variant}, px" for variant in precision.WAYS)]
     return table([*head, f"largest, steps at K = {cameras[0].ks[-1]}"], rows)
 
 
 def _summed(results: Results) -> str:
     """By K and samples: what running sums in float32 move positions by, `image` and `two-plane`; shares found."""
-    single, of = results.by(SINGLE), SAMPLINGS.index("independent")
+    single, independent = results.by(SINGLE), SAMPLINGS.index("independent")
     rows = []
     for i, k in enumerate(results.ks):
         cells = []
         for j in range(len(results.samples)):
-            moved = lengths(single.x_px[of, :, i, j], results.x_px[of, :, i, j])
-            shares = detected(single.status[of, :, i, j])
+            moved = lengths(single.x_px[independent, :, i, j], results.x_px[independent, :, i, j])
+            shares = detected(single.status[independent, :, i, j])
             means = " ".join(f"{mean_and_error(one)[0]:.4f}" for one in moved)
             cells.append(f"{means}; {shares[0]:.0%} {shares[1]:.0%}")
         rows.append([str(k), *cells])

@@ -125,18 +125,20 @@ def search(
             hit, near, far = (sums[:, j, p].reshape(*around.shape, 2) for p in range(3))
             images = hit, on_target(near, far, camera.near_mm, camera.far_mm, pose)
             for i, (method, image) in enumerate(zip(METHODS, images, strict=True)):
-                here = image, around, corners.point_mm[number], variant.settings(method)
-                x[v, i, j], status[v, i, j] = _found(*here)
+                search = image, around, corners.point_mm[number], variant.settings(method)
+                x[v, i, j], status[v, i, j] = _first_position(*search)
     return x, status
 
 
-def _found(image: np.ndarray, around: Window, point_mm: np.ndarray, settings: TruthSettings) -> tuple[np.ndarray, int]:
+def _first_position(
+    image: np.ndarray, around: Window, point_mm: np.ndarray, settings: TruthSettings
+) -> tuple[np.ndarray, int]:
     grid = position_grid(around.supersampling, around.cell)
-    found, counts = find(image, point_mm[None], grid, settings)
-    if not len(found.point):
+    positions, counts = find(image, point_mm[None], grid, settings)
+    if not len(positions.point):
         reasons = {WINDOW: "rejected_window", LENGTHS: "rejected_lengths", ANGLES: "rejected_angles"}
         return np.full(2, np.nan), next((code for code, name in reasons.items() if counts[name]), NO_QUAD)
-    inside = np.array([found.x_px[0], found.y_px[0]])
+    inside = np.array([positions.x_px[0], positions.y_px[0]])
     return inside + around.first / around.supersampling, ACCEPTED
 
 

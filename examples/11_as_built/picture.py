@@ -32,8 +32,8 @@ def main() -> None:
 def corners(folder: Path, panel) -> None:
     """Draw the corners of the nominal camera, and what those of members are off by besides the shift of all of them."""
     nominal = pipeline.open_output(folder / "nominal").camera.correspondences
-    for place in sorted(folder.glob("member_*/")):
-        rows = pipeline.open_output(place).camera.correspondences
+    for member in sorted(folder.glob("member_*/")):
+        rows = pipeline.open_output(member).camera.correspondences
         off = {axis: rows[axis] - nominal[axis] for axis in ("x_px", "y_px")}
         x_px, y_px = (nominal[axis] + ENLARGED * (by - by.mean()) for axis, by in off.items())
         panel.plot(x_px, y_px, ".", color="C0", ms=2)
@@ -45,7 +45,7 @@ def corners(folder: Path, panel) -> None:
 def correlations(folder: Path, panel) -> None:
     """Draw the correlations of the figures that differ."""
     ((_, figures),) = json.loads((folder / "ensemble.json").read_text(encoding="utf-8"))["cameras"].items()
-    names = [name for name, of in figures.items() if of["correlations"][name] is not None]
+    names = [name for name, figure_of_members in figures.items() if figure_of_members["correlations"][name] is not None]
     values = np.array([[figures[name]["correlations"][other] for other in names] for name in names])
     drawn = panel.imshow(values, cmap="RdBu_r", vmin=-1, vmax=1)
     panel.set_xticks(range(len(names)), names, rotation=90, fontsize=7)

@@ -28,8 +28,8 @@ def main() -> None:
     figure, panels = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     for axes, out, title in zip(panels, sys.argv[1:], ("the six best of 72 poses", "the first six"), strict=True):
         command = [sys.executable, "-m", "pipeline", "inform", out, "--json"]
-        known = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
-        middle = known["projections"][1]
+        information = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
+        middle = information["projections"][1]
         (x, y), deviation = np.array(middle["x_px"]).T, np.array(middle["deviation_px"])
         across, down = np.unique(x), np.unique(y)
         mesh = axes.pcolormesh(across, down, deviation.reshape(len(down), len(across)), norm=SCALE_PX, cmap="Blues")
