@@ -67,25 +67,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help="this commit, rig and turn alone: does it run at all?")
     options = parser.parse_args()
-    found = {}
+    figures = {}
     with sides(now_alone=options.small) as compared:
         for side in compared:
             (side.home / "dataset.usda").write_text(STAGE, encoding="utf-8")
-            found[side.name] = {
+            figures[side.name] = {
                 "full rig, one pose": measure(side, str(side.home / "dataset.usda"), 1 if options.small else 3)
             }
             if not options.small:
-                found[side.name]["example 02"] = measure(side, EXAMPLE_02, 3)
-    for stage in found["now"]:
-        for name, rows in found.items():
+                figures[side.name]["example 02"] = measure(side, EXAMPLE_02, 3)
+    for stage in figures["now"]:
+        for name, rows in figures.items():
             row = rows[stage]
             share = row["certificate_cpu_s"] / row["truth_cpu_s"]
             print(f"{stage:20s}{name:10s}truth {row['truth_cpu_s']:6.1f} CPU s, certificate {share:.0%} of that")
-    if len(found) == 2:
-        whole = [{stage: sum(row.values()) for stage, row in rows.items()} for rows in found.values()]
-        ratios = {stage: round(whole[1][stage] / whole[0][stage], 3) for stage in whole[0]}
+    if len(figures) == 2:
+        totals = [{stage: sum(row.values()) for stage, row in rows.items()} for rows in figures.values()]
+        ratios = {stage: round(totals[1][stage] / totals[0][stage], 3) for stage in totals[0]}
         print("; ".join(f"{stage}: {ratio:.2f} of what it took" for stage, ratio in ratios.items()))
-        keep("chain", {"before": BEFORE, "sides": found, "ratios": ratios})
+        keep("chain", {"before": BEFORE, "sides": figures, "ratios": ratios})
 
 
 def measure(side: Side, stage: str, turns: int) -> dict[str, float]:

@@ -46,10 +46,10 @@ def main() -> None:
         tell_of_clone()
         return
     examples, turns = (EXAMPLES[:1], 1) if options.small else (options.examples, options.turns)
-    with sides(options.before, now_alone=options.small) as found:
-        rows = {side.name: list[Seconds]() for side in found}
+    with sides(options.before, now_alone=options.small) as compared:
+        rows = {side.name: list[Seconds]() for side in compared}
         for turn in range(turns):
-            for side in found:
+            for side in compared:
                 kernels = "" if options.small else f"kernels {turn}"
                 groups = {} if options.small else groups_of(side, f"groups {turn}")
                 rows[side.name].append(groups | builds_of(side, examples, kernels, SETTLED if options.small else ()))
@@ -64,35 +64,37 @@ def least(turns: list[Seconds]) -> Seconds:
     return {key: (round(cpu_s, 2), round(took_s, 2)) for key, (cpu_s, took_s) in seconds.items()}
 
 
-def tell(found: dict[str, Seconds]) -> None:
+def tell(sides_seconds: dict[str, Seconds]) -> None:
     """A table of all sides so far."""
-    print(processor(), "CPU s, and s by the clock", *(f"{name:>16}" for name in found), sep="  ")
-    for key in max(found.values(), key=len):  # a commit may not have a group
-        figures = "".join(f"{row.get(key, (0, 0))[0]:10.1f}{row.get(key, (0, 0))[1]:8.1f}" for row in found.values())
+    print(processor(), "CPU s, and s by the clock", *(f"{name:>16}" for name in sides_seconds), sep="  ")
+    for key in max(sides_seconds.values(), key=len):  # a commit may not have a group
+        figures = "".join(
+            f"{row.get(key, (0, 0))[0]:10.1f}{row.get(key, (0, 0))[1]:8.1f}" for row in sides_seconds.values()
+        )
         print(f"{key:32s}{figures}", flush=True)
 
 
 def groups_of(side: Side, kernels: str) -> Seconds:
     """Each group of kernels after those before it, in one process, and all of them."""
-    found = {}
+    seconds_of = {}
     for line in side.run(_GROUPS, kernels=kernels):
         step, *seconds = line.split()
-        found[f"kernels, {step}"] = float(seconds[0]), float(seconds[1])
-    total = sum(cpu_s for cpu_s, _ in found.values()), sum(took_s for _, took_s in found.values())
-    return {**found, "all kernels": total}
+        seconds_of[f"kernels, {step}"] = float(seconds[0]), float(seconds[1])
+    total = sum(cpu_s for cpu_s, _ in seconds_of.values()), sum(took_s for _, took_s in seconds_of.values())
+    return {**seconds_of, "all kernels": total}
 
 
 def builds_of(side: Side, examples: tuple[str, ...], kernels: str, until: tuple[str, ...]) -> Seconds:
     """First builds, each without kernels, if `kernels` names a folder for them; and the same when they are finished."""
-    found = {}
+    seconds_of = {}
     for example in examples:
         places = {"kernels": kernels and f"{kernels} {example}", "store": f"store {kernels} {example}"}
         out = str(side.home / f"out {kernels} {example}")
-        for what in ("first build of", "finished build of"):
+        for build in ("first build of", "finished build of"):
             start = time.monotonic()
             cpu_s = side.cpu_s("build", f"examples/{example}/dataset.usda", *until, "-o", out, **places)
-            found[f"{what} {example}"] = cpu_s, time.monotonic() - start
-    return found
+            seconds_of[f"{build} {example}"] = cpu_s, time.monotonic() - start
+    return seconds_of
 
 
 def tell_of_clone() -> None:

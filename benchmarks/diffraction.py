@@ -81,25 +81,25 @@ def of_picture(diffraction: Diffraction, picture: int, per_mm: np.ndarray) -> np
 
 def rigs_of_the_library() -> None:
     """The second table."""
-    print("| camera | place, object | wavefront, waves rms | Strehl | MTF at Nyquist | images | rays alone |")
+    print("| camera | field, object | wavefront, waves rms | Strehl | MTF at Nyquist | images | rays alone |")
     print("|---|---|---|---|---|---|---|")
     gauss = rig_of("conventional_100mm")
     for name, camera in (("double Gauss F/9.8", gauss), ("double Gauss F/2.6", opened(gauss, 17.0))):
         focus = foci(camera)[0].focus_distance_mm
         corner = camera.sensor.farthest_corner_mm
-        for place, share in (("axis", 0.0), ("0.7 field", 0.7), ("corner", 1.0)):
-            _compare(name, place, camera, View(share * corner, NO_MICROLENS, focus))
+        for field, share in (("axis", 0.0), ("0.7 field", 0.7), ("corner", 1.0)):
+            _compare(name, field, camera, View(share * corner, NO_MICROLENS, focus))
         for factor in (0.99, 0.97):
             _compare(name, f"axis, {factor:g} focus", camera, View(np.zeros(2), NO_MICROLENS, factor * focus))
     array = rig_of("plenoptic_michels_2019")
     rig = drawn(array)
     for kind, (x, y, row) in enumerate(rig.middles):
         for words, object_mm in (("focus", foci(array)[kind].focus_distance_mm), ("430 mm", 430.0), ("600 mm", 600.0)):
-            place = f"type {kind}, {words}"
-            _compare("microlenses F/7.8", place, array, View(np.array([x, y]), row, object_mm))
+            field = f"type {kind}, {words}"
+            _compare("microlenses F/7.8", field, array, View(np.array([x, y]), row, object_mm))
 
 
-def _compare(name: str, place: str, camera: Camera, view: View) -> None:
+def _compare(name: str, field: str, camera: Camera, view: View) -> None:
     front = wavefront(Tracer(camera), view, WAVELENGTH_NM)
     nyquist = 1 / (2 * camera.sensor.pitch_mm)
     per_mm = np.linspace(0, nyquist, 21)
@@ -108,12 +108,12 @@ def _compare(name: str, place: str, camera: Camera, view: View) -> None:
         exact = np.abs(transfer(front, per_mm, along))
         rays = np.abs(transfer_of_rays(front, per_mm, along))
         images = rays * np.abs(transfer(front.perfect(), per_mm, along))
-        for key, found in (("images", images), ("rays", rays)):
-            difference = found - exact
+        for key, transferred in (("images", images), ("rays", rays)):
+            difference = transferred - exact
             worst[key] = max(worst[key], difference[np.argmax(np.abs(difference))], key=abs)
     end = np.abs(transfer(front, per_mm[-1:], np.array([1.0, 0.0])))[0]
     figures = f"{front.error_waves[0]:.3f} | {strehl_ratio(front):.3f} | {end:.2f}"
-    print(f"| {name} | {place} | {figures} | {worst['images']:+.2f} | {worst['rays']:+.2f} |")
+    print(f"| {name} | {field} | {figures} | {worst['images']:+.2f} | {worst['rays']:+.2f} |")
 
 
 def rig_of(name: str) -> Camera:

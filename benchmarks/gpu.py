@@ -100,23 +100,23 @@ def lens_alone(device: str, count: int) -> None:
     ends = _in_rows_of_three(rays[:, : 1 << 16])
     trace_rays(table, *ends)
     for kernel, kind in ((lens_in_double, np.float64), (lens_in_single, np.float32)):
-        there, seconds = resident(table.astype(kind)), []
+        device_table, seconds = resident(table.astype(kind)), []
         for _ in range(_TURNS + 1):
-            here = resident(rays.astype(kind))
+            device_rays = resident(rays.astype(kind))
             begin = time.perf_counter()
-            kernel(-(-rays.shape[1] // _THREADS), _THREADS, there, here)
-            fetched(here[0, :1])  # waits for the kernel
+            kernel(-(-rays.shape[1] // _THREADS), _THREADS, device_table, device_rays)
+            fetched(device_rays[0, :1])  # waits for the kernel
             seconds.append(time.perf_counter() - begin)
-        found = fetched(here)[:, : 1 << 16]
+        traced = fetched(device_rays)[:, : 1 << 16]
         told(f"lens alone, {np.dtype(kind).name}, {device}", rays.shape[1], seconds[1:])
-        agree("lens alone", ends[0][:, :2].T, found[:2], AGREEMENT_MM if kind is np.float64 else SINGLE_MM, "mm")
-    some, seconds = rays[:, : max(1 << 16, count // 100)], []
+        agree("lens alone", ends[0][:, :2].T, traced[:2], AGREEMENT_MM if kind is np.float64 else SINGLE_MM, "mm")
+    fewer, seconds = rays[:, : max(1 << 16, count // 100)], []
     for _ in range(_TURNS):
-        ends = _in_rows_of_three(some)
+        ends = _in_rows_of_three(fewer)
         begin = time.perf_counter()
         trace_rays(table, *ends)
         seconds.append(time.perf_counter() - begin)
-    told("lens alone, float64, processor", some.shape[1], seconds)
+    told("lens alone, float64, processor", fewer.shape[1], seconds)
 
 
 def _in_rows_of_three(rays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -137,12 +137,12 @@ def bundles(name: str, device: str, count: int) -> None:
     assert entry.camera.far_mm is not None
     planes = parallel_planes(entry.camera.near_mm, entry.camera.far_mm)
 
-    def moments(of: Tracer) -> np.ndarray:
-        return of.moments(positions, lens, planes, samples, pixels)[:, :4]
+    def moments(tracer: Tracer) -> np.ndarray:
+        return tracer.moments(positions, lens, planes, samples, pixels)[:, :4]
 
     on_device = dataclasses.replace(tracer, device=device)
-    places: Timed = {"processor": lambda: moments(tracer), device: lambda: moments(on_device)}
-    agree(name, *race(f"{name}, bundles of {samples}, float64", places, count * samples), AGREEMENT_MM, "mm")
+    machines: Timed = {"processor": lambda: moments(tracer), device: lambda: moments(on_device)}
+    agree(name, *race(f"{name}, bundles of {samples}, float64", machines, count * samples), AGREEMENT_MM, "mm")
 
 
 def images(name: str, device: str, rows: tuple[int, int]) -> None:
@@ -150,12 +150,12 @@ def images(name: str, device: str, rows: tuple[int, int]) -> None:
     entry = pipeline.open_dataset(EXAMPLES / name / "dataset.usda").cameras[0]
     rig, samples = Rig.of(Tracer(focused(entry.camera), entry.sampling.seed)), entry.image_samples
     on_device = dataclasses.replace(rig, device=device)
-    places: Timed = {
+    machines: Timed = {
         "processor, float64": lambda: irradiance(rig, samples, None, rows),
         f"{device}, float32": lambda: irradiance(on_device, samples, None, rows),
     }
     count = (rows[1] - rows[0]) * entry.camera.sensor.width_px * samples
-    one, other = race(f"{name}, white image, {samples} samples", places, count)
+    one, other = race(f"{name}, white image, {samples} samples", machines, count)
     odd = np.abs(one - other) > SINGLE
     print(f"    {odd.sum()} of {odd.size} pixels have other rays")
     if not odd.mean() < FEW:
@@ -163,33 +163,33 @@ def images(name: str, device: str, rows: tuple[int, int]) -> None:
     agree(name, one[~odd], other[~odd], SINGLE, "of white")
 
 
-def race(what: str, places: Timed, rays: int) -> list[np.ndarray]:
+def race(title: str, machines: Timed, rays: int) -> list[np.ndarray]:
     """Time both in turns; what both computed. The first turn compiles."""
     results: dict[str, np.ndarray] = {}
-    seconds: dict[str, list[float]] = {place: [] for place in places}
+    seconds: dict[str, list[float]] = {machine: [] for machine in machines}
     for turn in range(_TURNS + 1):
-        for place, compute in places.items():
+        for machine, compute in machines.items():
             begin = time.perf_counter()
-            results[place] = compute()
-            seconds[place] += [time.perf_counter() - begin] if turn else []
-    for place, spent in seconds.items():
-        told(f"{what}, {place}", rays, spent)
+            results[machine] = compute()
+            seconds[machine] += [time.perf_counter() - begin] if turn else []
+    for machine, spent in seconds.items():
+        told(f"{title}, {machine}", rays, spent)
     return list(results.values())
 
 
-def told(what: str, rays: int, seconds: list[float]) -> None:
+def told(title: str, rays: int, seconds: list[float]) -> None:
     """Print rays per second."""
-    print(f"  {what}: {rays / statistics.median(seconds):.3g} rays/s (best {rays / min(seconds):.3g})")
+    print(f"  {title}: {rays / statistics.median(seconds):.3g} rays/s (best {rays / min(seconds):.3g})")
 
 
-def agree(what: str, one: np.ndarray, other: np.ndarray, tolerance: float, unit: str) -> None:
+def agree(title: str, one: np.ndarray, other: np.ndarray, tolerance: float, unit: str) -> None:
     """Print differences; SystemExit if their rms is too large."""
     apart = np.abs(one - other)
     rms = float(np.sqrt(np.nanmean(apart**2)))
     same = np.array_equal(one, other, equal_nan=True)
     print(f"    apart by {rms:.1e} {unit} rms, {np.nanmax(apart):.1e} {unit} at most; bits equal: {same}")
     if not rms < tolerance:
-        raise SystemExit(f"{what}: device and processor differ by {rms:.1e} {unit}")
+        raise SystemExit(f"{title}: device and processor differ by {rms:.1e} {unit}")
 
 
 if __name__ == "__main__":

@@ -116,14 +116,15 @@ def our_race(view: LitView, channels: list[list[int]], samples: int, seeds: int)
             for number, scene in enumerate(scenes_of):
                 spread = np.empty((pixels, each, 2))
                 spread_over_pixels(points(), generator.integers(1 << 32, size=pixels, dtype=np.uint32), spread)
-                way = np.ones((pixels, each, 3))
-                way[..., 0] = ((x + spread[..., 0]) / _WIDTH_PX * 2 - 1) * _HALF_WIDTH
-                way[..., 1] = ((y + spread[..., 1]) * 2 / _WIDTH_PX - _HEIGHT_PX / _WIDTH_PX) * _HALF_WIDTH
-                way = (way / np.linalg.norm(way, axis=-1, keepdims=True)).reshape(-1, 3)
+                direction = np.ones((pixels, each, 3))
+                direction[..., 0] = ((x + spread[..., 0]) / _WIDTH_PX * 2 - 1) * _HALF_WIDTH
+                direction[..., 1] = ((y + spread[..., 1]) * 2 / _WIDTH_PX - _HEIGHT_PX / _WIDTH_PX) * _HALF_WIDTH
+                direction = (direction / np.linalg.norm(direction, axis=-1, keepdims=True)).reshape(-1, 3)
                 names = Names(np.repeat(keys, each), np.tile(number * each + np.arange(each), pixels))
-                parts = [slice(i, i + _AT_ONCE) for i in range(0, len(way), _AT_ONCE)]
+                parts = [slice(i, i + _AT_ONCE) for i in range(0, len(direction), _AT_ONCE)]
                 light = [
-                    scene.radiance(np.zeros_like(way[i]), way[i], Names(names.key[i], names.rank[i])) for i in parts
+                    scene.radiance(np.zeros_like(direction[i]), direction[i], Names(names.key[i], names.rank[i]))
+                    for i in parts
                 ]
                 image += np.concatenate(light).reshape(pixels, each).mean(axis=1) / len(scenes_of)
             images.append(image.reshape(_HEIGHT_PX, _WIDTH_PX))

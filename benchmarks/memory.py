@@ -128,8 +128,8 @@ class Bench:
         for name in names:
             self.run(graph, name, kind)
         if names:
-            most, whole = max(row["peak_bytes"] for row in self.rows), sum(row["cpu_s"] for row in self.rows)
-            before.append({"task": f"{kind}, largest of {len(names)}", "peak_bytes": most, "cpu_s": round(whole, 1)})
+            peak, total = max(row["peak_bytes"] for row in self.rows), sum(row["cpu_s"] for row in self.rows)
+            before.append({"task": f"{kind}, largest of {len(names)}", "peak_bytes": peak, "cpu_s": round(total, 1)})
             tell(before[-1])
         self.rows = before
 
@@ -144,14 +144,14 @@ class Bench:
             share = height_of(graph[name]) / height_of(graph[names[0]])
             alike = next((one for one in names[1:] if height_of(graph[one]) == height_of(graph[name])), name)
             for file in (self.folder / names[0]).iterdir():
-                there = self.folder / name / file.name
-                if there.exists():
+                copy = self.folder / name / file.name
+                if copy.exists():
                     continue
                 if alike != name:
-                    os.link(self.folder / alike / file.name, there)
+                    os.link(self.folder / alike / file.name, copy)
                 else:
                     pixels = read_npy(file)
-                    write_npy(there, np.full_like(pixels[: round(len(pixels) * share)], pixels.flat[0]))
+                    write_npy(copy, np.full_like(pixels[: round(len(pixels) * share)], pixels.flat[0]))
 
     def _inputs(self, task: Task) -> dict[str, dict[str, str]]:
         return {

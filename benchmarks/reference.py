@@ -83,16 +83,16 @@ class Solver:
         kept = self._exists(x, cell, rows)
         pitch = self.tracer.camera.sensor.pitch_mm
         variance = np.einsum("nij,nj->ni", inverse**2, rows[:, VARIANCE : VARIANCE + 2])
-        here = x[kept], cell[kept]
-        exact = self._moments(*here, planes, _BIAS_RAYS, numbers[kept])[:, :2]
-        bias = self._bias(vision_from_target, *here, inverse[kept], numbers[kept], exact)
+        kept_positions = x[kept], cell[kept]
+        exact = self._moments(*kept_positions, planes, _BIAS_RAYS, numbers[kept])[:, :2]
+        bias = self._bias(vision_from_target, *kept_positions, inverse[kept], numbers[kept], exact)
         return Reference(
             point[kept],
             cell[kept],
             self.tracer.pixels_at(x[kept]),
             np.sqrt(variance[kept]) / pitch,
             bias / pitch,
-            self._grid_error_px(planes, *here, numbers[kept], exact),
+            self._grid_error_px(planes, *kept_positions, numbers[kept], exact),
             float(np.hypot(*step[kept].T).max(initial=0.0)) / pitch,
         )
 
@@ -102,9 +102,9 @@ class Solver:
         probes = centre[:, None] + _PROBES * reach
         each = np.repeat(cells, len(_PROBES))
         numbers = np.stack([np.arange(each.size), np.full(each.size, _STREAM - 1)], axis=1)
-        seen = self._moments(probes.reshape(-1, 2), each, planes, _PROBE_RAYS, numbers)[:, :2].reshape(probes.shape)
+        probed = self._moments(probes.reshape(-1, 2), each, planes, _PROBE_RAYS, numbers)[:, :2].reshape(probes.shape)
         point, cell, position, inverse = [], [], [], []
-        for number, (c, j, x) in enumerate(zip(cells, seen, probes, strict=True)):
+        for number, (c, j, x) in enumerate(zip(cells, probed, probes, strict=True)):
             lit = ~np.isnan(j[:, 0])
             if lit.sum() < 4:
                 continue
@@ -169,8 +169,8 @@ class Solver:
     def _near(self, x: np.ndarray, cell: np.ndarray) -> np.ndarray:
         """Which coarse solutions may turn out to exist: half a pixel of grace."""
         grace = self.tracer.camera.sensor.pitch_mm / 2
-        known = ~np.isnan(x[:, 0])
-        near = known & self._in_image(np.where(known[:, None], x, 0.0), 0.5)
+        solved = ~np.isnan(x[:, 0])
+        near = solved & self._in_image(np.where(solved[:, None], x, 0.0), 0.5)
         if self.images is not None:
             distance = np.hypot(*(x - self.images.centre_mm[cell]).T)
             near[near] &= distance[near] <= self.images.nearby.nearest(x[near])[0][:, 0] + grace
@@ -178,8 +178,8 @@ class Solver:
 
     def _exists(self, x: np.ndarray, cell: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """In the image, in its own cell, with enough light."""
-        known = ~np.isnan(x[:, 0])
-        exists = known & self._in_image(x, 0.0) & (self._hit_fraction(rows) >= self.min_hit_fraction)
+        solved = ~np.isnan(x[:, 0])
+        exists = solved & self._in_image(x, 0.0) & (self._hit_fraction(rows) >= self.min_hit_fraction)
         if self.images is not None:
             exists[exists] = self.images.owner(x[exists]) == cell[exists]
         return exists
