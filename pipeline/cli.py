@@ -30,6 +30,7 @@ from pipeline.app.verbs.terminal import (
     StageOrPart,
     Verb,
     Verbs,
+    flush_output,
     library_file,
     new_family,
     note,
@@ -38,12 +39,11 @@ from pipeline.app.verbs.terminal import (
     require_suffix,
     say,
     say_json,
-    written,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
 from pipeline.folders import share
 from pipeline.jit.waits import before_compiling
-from pipeline.machine.process import require_room
+from pipeline.machine.process import require_resources
 from pipeline.machine.processor import pin
 
 app = new_family(
@@ -132,13 +132,13 @@ def show(
         raise UsageError("--at and --distance say which points --psf draws", hint="add --psf FILE.svg")
     if distance is not None and not distance > 0:
         raise UsageError(f"--distance {distance:g} is not in front of the camera")
-    shown = shows.show(stage, camera, tuple(allow_root or ()))
+    cameras = shows.show(stage, camera, tuple(allow_root or ()))
     if plot is not None:
-        shows.plot(shown, plot)
-    points = shows.draw_points(shown, psf, at, distance) if psf is not None else None
-    note(*shown[0].warnings)
-    pages = ("\n".join(part.page()) for part in shown)
-    say(shows.plain_json(shown, points).rstrip("\n") if as_json else "\n\n".join(pages))
+        shows.plot(cameras, plot)
+    points = shows.draw_points(cameras, psf, at, distance) if psf is not None else None
+    note(*cameras[0].warnings)
+    pages = ("\n".join(part.page()) for part in cameras)
+    say(shows.plain_json(cameras, points).rstrip("\n") if as_json else "\n\n".join(pages))
     if points is not None and not as_json:
         say(*points.lines())
     for file in (plot, psf):
@@ -161,14 +161,15 @@ def print_target(
 
     for path, suffix in ((svg, ".svg"), (pdf, ".pdf")):
         require_suffix(path, suffix)
-    shown = artwork(stage, target, tuple(allow_root or ()))
-    note(*shown.warnings)
-    points = shown.entry.target.points()
-    facts = {"name": shown.entry.name, "kinds": list(points.kinds), "points_mm": points.position_mm.tolist()}
-    try:  # before whoever reads the page may leave
-        papers = [f"wrote {path}: {shown.write(path)}" for path in (svg, pdf) if path]
+    target_print = artwork(stage, target, tuple(allow_root or ()))
+    entry = target_print.entry
+    note(*target_print.warnings)
+    points = entry.target.points()
+    facts = {"name": entry.name, "kinds": list(points.kinds), "points_mm": points.position_mm.tolist()}
+    try:  # files first: printing fails if the reader of a pipe has left
+        papers = [f"wrote {path}: {target_print.write(path)}" for path in (svg, pdf) if path]
     finally:
-        say_json(facts) if as_json else say("\n".join(shown.page()))
+        say_json(facts) if as_json else say("\n".join(target_print.page()))
     note(*papers)
 
 
@@ -256,13 +257,14 @@ def _spare_last_search() -> None:
 
 
 def _exit_code() -> int:
+    """Run the command, print the message of an error, and return the exit code."""
     from pipeline.engine.files import is_machines_fault
 
     try:
-        require_room()
+        require_resources()
         # Not standalone: errors are handled here, and an Exit carries its code.
         code = int(app(prog_name="pipeline", standalone_mode=False) or 0)
-        written()
+        flush_output()
         return code
     except ReaderGone:
         return Exit.READER_GONE

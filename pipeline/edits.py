@@ -46,9 +46,10 @@ class Edit:
         if "." not in self.at and self.field is None and (old is None or new is None):
             return f": new, {new}" if old is None else f": gone, was {old}"
         if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) > _OF_A_VECTOR:
-            places = [index for index, pair in enumerate(zip(old, new, strict=True)) if pair[0] != pair[1]]
-            if len(places) == 1:
-                return f"[{places[0]}]: {_text(old[places[0]])} -> {_text(new[places[0]])}"
+            changed = [index for index, pair in enumerate(zip(old, new, strict=True)) if pair[0] != pair[1]]
+            if len(changed) == 1:
+                (index,) = changed
+                return f"[{index}]: {_text(old[index])} -> {_text(new[index])}"
         return f": {_text(old)} -> {_text(new)}"
 
 

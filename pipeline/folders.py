@@ -45,7 +45,7 @@ def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
         full.encode()
     except UnicodeEncodeError:
         with contextlib.suppress(UnicodeError):
-            os.fsencode(full).decode()
+            os.fsencode(full).decode()  # the bytes are UTF-8, but Python has decoded them by another locale
             return f"has letters that Python does not know in this locale (set PYTHONUTF8=1): {str(folder)!a}"
         return f"is not UTF-8: {str(folder)!a}"
     name_max, path_max = os.pathconf("/", "PC_NAME_MAX"), os.pathconf("/", "PC_PATH_MAX")

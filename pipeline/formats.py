@@ -169,16 +169,19 @@ class Convention:
         """One millimetre, in this unit."""
         return 1e-3 if self.unit is Unit.M else 1.0
 
-    def positions(self, places_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
-        """Our image positions in the coordinates of this convention, (..., 2) [px, or 1]."""
+    def positions(self, ours_px: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
+        """Our image positions in the coordinates of this convention, (..., 2) [px, or 1].
+
+        `size_px` is the width and height of the image.
+        """
         upwards = self.axes is ImageAxes.X_UP
         if self.origin is Origin.SHARE:
-            shares = (places_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
+            shares = (ours_px + _FIRST_PIXEL[Origin.HALF]) / np.array(size_px)
             shifted = np.stack([shares[..., 0], 1 - shares[..., 1]], axis=-1) if upwards else shares
         elif self.origin is Origin.IMAGE_CENTRE:
-            shifted = (places_px - (np.array(size_px) - 1) / 2) * (1, -1 if upwards else 1)
+            shifted = (ours_px - (np.array(size_px) - 1) / 2) * (1, -1 if upwards else 1)
         else:
-            shifted = (places_px + _FIRST_PIXEL[self.origin]) * (1, -1 if upwards else 1)
+            shifted = (ours_px + _FIRST_PIXEL[self.origin]) * (1, -1 if upwards else 1)
         return shifted[..., ::-1] if self.axes is ImageAxes.Y_X else shifted
 
 
@@ -213,21 +216,24 @@ class Format(Convention):
         `frames`: of each camera.
         `targets`: number of targets.
         """
-        every = sorted({number for numbers in frames.values() for number in numbers})
-        fillings: dict[str, dict[str, Sequence[int]]] = {  # what stands for a word, with the frames that it has
-            "<pair>": {f"{first}-{second}": every for first, second in pairs(cameras, frames)},
-            "<target6>": {f"{number:06d}": every for number in range(targets)},
+        all_frames = sorted({number for numbers in frames.values() for number in numbers})
+        # Placeholder -> the texts that replace it, each with its frames
+        texts_of: dict[str, dict[str, Sequence[int]]] = {
+            "<pair>": {f"{first}-{second}": all_frames for first, second in pairs(cameras, frames)},
+            "<target6>": {f"{number:06d}": all_frames for number in range(targets)},
             "<camera>": {name: frames[name] for name in cameras},
             "<plenoptic camera>": {name: frames[name] for name, is_plenoptic in cameras.items() if is_plenoptic},
             "<camera6>": {f"{number:06d}": frames[name] for number, name in enumerate(cameras)},
         }
         paths = {SIDE_CAR}
         for pattern in self.files:
-            filled: dict[str, Sequence[int]] = {pattern: every}
-            for word, texts in fillings.items():
+            frames_of_path: dict[str, Sequence[int]] = {pattern: all_frames}
+            for word, texts in texts_of.items():
                 if word in pattern:
-                    filled = {path.replace(word, text): texts[text] for path in filled for text in texts}
-            for path, numbers in filled.items():
+                    frames_of_path = {
+                        path.replace(word, text): texts[text] for path in frames_of_path for text in texts
+                    }
+            for path, numbers in frames_of_path.items():
                 for number in numbers if "<frame" in path else [0]:
                     paths.add(path.replace("<frame>", f"{number:04d}").replace("<frame6>", f"{number:06d}"))
         return sorted(paths)
@@ -281,14 +287,14 @@ def module_of(name: str) -> ModuleType:
     Raises ExportError: no format has this name, two packages define it, or its package is broken.
     """
     entry = entry_of(name)
-    broken = f'the export format "{name}" of the package {package_of(entry)}'
+    subject = f'the export format "{name}" of the package {package_of(entry)}'
     try:
         module: ModuleType = entry.load()
     except Exception as error:  # a stranger's code may fail in any way
-        message = f"{broken} cannot be loaded: {type(error).__name__}: {error}"
+        message = f"{subject} cannot be loaded: {type(error).__name__}: {error}"
         raise ExportError(message, hint="mend or remove that package", code="broken-export") from error
     if not isinstance(getattr(module, "FORMAT", None), Format) or not callable(getattr(module, "write", None)):
-        message = f"{broken} is {entry.value}, which has no FORMAT or no write"
+        message = f"{subject} is {entry.value}, which has no FORMAT or no write"
         hint = "its entry point names a module with both: docs/export_format.md"
         raise ExportError(message, hint=hint, code="broken-export")
     return module

@@ -43,7 +43,7 @@ def printable(text: str) -> str:
 
 def for_terminals(text: str) -> str:
     """A text of several lines, with everything that would steer a terminal escaped."""
-    return _CONTROL.sub(lambda found: printable(found[0]), text)
+    return _CONTROL.sub(lambda match: printable(match[0]), text)
 
 
 def human(size: float) -> str:
@@ -63,9 +63,9 @@ def ranges(numbers: Iterable[int]) -> str:
             runs[-1][1] = number
         else:
             runs.append([number, number])
-    shown = [str(first) if first == last else f"{first}-{last}" for first, last in runs[:_RUNS]]
-    rest = sum(last - first + 1 for first, last in runs[_RUNS:])
-    return ", ".join(shown) + (f" and {rest} more" if rest else "")
+    listed = [str(first) if first == last else f"{first}-{last}" for first, last in runs[:_RUNS]]
+    unlisted = sum(last - first + 1 for first, last in runs[_RUNS:])
+    return ", ".join(listed) + (f" and {unlisted} more" if unlisted else "")
 
 
 def frames_in_words(numbers: Iterable[int]) -> str:
@@ -76,7 +76,7 @@ def frames_in_words(numbers: Iterable[int]) -> str:
 
 def _tails(name: str, choice: str) -> tuple[str, str]:
     """Two names without their common namespaces or folders."""
-    ours, theirs = (re.split(r"(?<=[:/])", text) for text in (name, choice))
-    while len(ours) > 1 and len(theirs) > 1 and ours[0] == theirs[0]:
-        ours, theirs = ours[1:], theirs[1:]
-    return "".join(ours).casefold(), "".join(theirs).casefold()
+    parts, choice_parts = (re.split(r"(?<=[:/])", text) for text in (name, choice))
+    while len(parts) > 1 and len(choice_parts) > 1 and parts[0] == choice_parts[0]:
+        parts, choice_parts = parts[1:], choice_parts[1:]
+    return "".join(parts).casefold(), "".join(choice_parts).casefold()

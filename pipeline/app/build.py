@@ -57,7 +57,7 @@ _KERNEL_S = 0.9
 """Processor time to compile a kernel and its callees [s], on an AMD EPYC."""
 _TRUST = 0.2
 """Share of the kernels after which the speed of this machine weighs as much as that time."""
-_STEP_OF_KIND = {
+_STEP_OF_PRODUCT = {
     "image": "images",
     "white": "images",
     "micro_images": "micro_images",
@@ -65,7 +65,7 @@ _STEP_OF_KIND = {
     "fixed_pattern": "sensor",
 }
 _NOT_FLAT = {"warped", "height-map", "cylinder", "mesh"}
-_NUMBERS = bytes(range(100))
+_PART_NUMBERS = bytes(range(100))
 """Numbers of the parts in which kernels are compiled, and of more than there are."""
 _VERSIONS = ("usd-core", "numpy", "scipy", "numba", "embreex", "OpenEXR", "pillow", "colour-science")
 
@@ -91,6 +91,7 @@ def project(
 
 
 def project_from(loaded: Loaded, path: Path, out: str | Path | None, *, preview: bool = False) -> Project:
+    """The project of a stage that was read; parameters and errors as for `project`."""
     destination = Path(out) if out else default_out(path)
     destination = folder_of(destination) if preview and not out else destination
     dataset = require_dataset(loaded, path)
@@ -172,13 +173,14 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
     """Build a dataset stage as `build` does, with the options in one record."""
     warn = warner(on_event)
     stages = [load(path, options.allow_roots, later=True)]
-    dataset = project_from(stages[0], Path(path), out, preview=options.preview)
-    dataset = dataset if options.pictures else without_pictures(dataset)
+    to_build = project_from(stages[0], Path(path), out, preview=options.preview)
+    to_build = to_build if options.pictures else without_pictures(to_build)
     if options.device is not None:
-        dataset = on_device(dataset, options)
+        to_build = on_device(to_build, options)
 
     def prepare() -> None:
-        compile_once(on_event, steps_of(dataset.graph[name] for name in dataset.graph), options.workers)
+        """Compile kernels and finish the check of the stage, once it is clear that a task has to run."""
+        compile_once(on_event, steps_of(to_build.graph[name] for name in to_build.graph), options.workers)
         loaded = stages.pop()
         problems = [*loaded.problems, *loaded.doubts()]
         if any(problem.is_error for problem in problems):
@@ -186,16 +188,16 @@ def build_with(path: str | Path, out: str | Path | None, options: BuildOptions, 
         for problem in problems:
             if problem.code in NOT_SEEN:
                 warn(f"{problem.message}\n    hint: {problem.hint}")
-        if more := [problem for problem in problems if problem.code not in NOT_SEEN]:
-            many = f" (and {len(more) - 1} more)" if len(more) > 1 else ""
-            warn(f"{more[0].message}{many}\n    hint: `pipeline check {path}` has file, line and prim")
+        if minor := [problem for problem in problems if problem.code not in NOT_SEEN]:
+            more = f" (and {len(minor) - 1} more)" if len(minor) > 1 else ""
+            warn(f"{minor[0].message}{more}\n    hint: `pipeline check {path}` has file, line and prim")
 
     engine = None
     if options.engine:  # tasks run on a cluster, and not in workers of this machine
         kind, _, where = options.engine.partition(":")
         engine = plugged_in("engine", kind)(where, options.timeout_s)
     try:
-        return session.build(dataset, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
+        return session.build(to_build, options, engine=engine, caller=Caller(on_event=on_event, prepare=prepare))
     finally:
         stages.clear()  # a traceback would hold the stage, and edits of its files would not be seen
 
@@ -205,8 +207,9 @@ def run_together(stages: Mapping[Path, Path], options: BuildOptions, on_event: E
     find the results in the store. Workers are shared, and a task that fails ends no other.
     """
     projects = {out.name: project(path, out, options.allow_roots) for path, out in stages.items()}
-    kept = projects if options.pictures else {name: without_pictures(each) for name, each in projects.items()}
-    graphs = {name: each.graph.before_delivery for name, each in kept.items()}
+    if not options.pictures:
+        projects = {name: without_pictures(member) for name, member in projects.items()}
+    graphs = {name: member.graph.before_delivery for name, member in projects.items()}
     out = next(iter(stages.values()))
     graph = TaskGraph.joined(graphs)
     head = {"stage": "an ensemble"}
@@ -231,9 +234,10 @@ def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, worker
     with machine_errors("keep compiled kernels in", cache_folder()):
         folder = make_folder()
         warn = warner(on_event)
-        with _told(folder, steps, workers, on_event), locked(folder / "lock", doing="compiles kernels", say=warn):
+        progress = _reported(folder, steps, workers, on_event)
+        with progress, locked(folder / "lock", doing="compiles kernels", say=warn):
             if not ready(folder).issuperset(steps):
-                if workers == 1 or not _compiled_apart(steps):
+                if workers == 1 or not _compiled_by_helpers(steps):
                     from pipeline.app.compile_kernels import compile_kernels
 
                     compile_kernels(steps)
@@ -244,59 +248,68 @@ def warm_up(steps: tuple[str, ...] = ("lens",)) -> None:
     """Compile these steps' kernels that this process calls, and report progress; KeyboardInterrupt after Ctrl-C."""
     from pipeline.app.progress import display
 
-    shown = display(-1 if {"--json", "--quiet", "-q"} & {*sys.argv} else 0)
-    with Interrupts() as interrupts, interrupts.stopping(), shown:
-        compile_once(shown, steps, USUAL.workers)
+    progress = display(-1 if {"--json", "--quiet", "-q"} & {*sys.argv} else 0)
+    with Interrupts() as interrupts, interrupts.stopping(), progress:
+        compile_once(progress, steps, USUAL.workers)
     if interrupts.arrived:
         raise KeyboardInterrupt
 
 
 @contextlib.contextmanager
-def _told(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
-    """Context that reports a wait at once and every second, whichever process compiles."""
-    done = ready(folder)
+def _reported(folder: Path, steps: tuple[str, ...], workers: int, on_event: Emit) -> Iterator[None]:
+    """Context that reports the share of compiled kernels and the time left, at once and every second, whichever process
+    compiles.
+
+    The time left is that of the mean kernel times the number of those that are missing. The mean is taken over the
+    kernels compiled since the start, and over `_TRUST` of all as if these had taken the expected time.
+    """
+    finished_steps = ready(folder)
     ended = threading.Event()
     start = time.monotonic()
-    wanted = max(1, sum(_KERNELS.get(step, _OF_PLUG_IN) for step in steps if step not in done))
-    begun = count(folder)
-    trusted = _TRUST * wanted
-    before = begun if done else 0  # else those are of a process that compiles now, or that was ended
+    to_compile = max(1, sum(_KERNELS.get(step, _OF_PLUG_IN) for step in steps if step not in finished_steps))
+    at_start = count(folder)
+    expected = _TRUST * to_compile
+    # Kernels of finished steps do not count. Without any, those in the folder are of a process that compiles now, or
+    # that was ended.
+    not_counted = at_start if finished_steps else 0
 
-    def tell() -> None:
+    def report() -> None:
         while True:
-            there = count(folder)
-            share = min((there - before) / wanted, 0.99)
-            taken_s = time.monotonic() - start + trusted * _KERNEL_S / min(workers, 2)
-            left_s = (1 - share) * wanted * taken_s / (there - begun + trusted)
+            in_folder = count(folder)
+            share = min((in_folder - not_counted) / to_compile, 0.99)
+            elapsed_s = time.monotonic() - start + expected * _KERNEL_S / min(workers, 2)
+            mean_s = elapsed_s / (in_folder - at_start + expected)
+            left_s = (1 - share) * to_compile * mean_s
             on_event(Compiling(share=share, seconds_left=round(left_s, 1)))
             if ended.wait(1.0):
                 return
 
-    with ThreadPoolExecutor() as teller, contextlib.ExitStack() as last:
-        last.callback(ended.set)
-        teller.submit(tell)
+    with ThreadPoolExecutor() as reporter, contextlib.ExitStack() as cleanup:
+        cleanup.callback(ended.set)
+        reporter.submit(report)
         yield
 
 
-def _compiled_apart(steps: tuple[str, ...]) -> bool:
-    """Whether two processes have compiled the kernels of steps; this process then meets any fault itself.
+def _compiled_by_helpers(steps: tuple[str, ...]) -> bool:
+    """Whether two helper processes have compiled the kernels of steps; if not, this process compiles, and meets the
+    fault itself.
 
     Both take numbers of parts from one pipe, so that they end together on any machine.
     """
     environment = {**os.environ, **settings()}
-    asked = command("pipeline.app.compile_kernels:compile_apart", *steps)
-    with contextlib.suppress(OSError), contextlib.ExitStack() as last:
+    helper = command("pipeline.app.compile_kernels:compile_apart", *steps)
+    with contextlib.suppress(OSError), contextlib.ExitStack() as cleanup:
         numbers, writing = os.pipe()
-        last.callback(os.close, numbers)
-        os.write(writing, _NUMBERS)
+        cleanup.callback(os.close, numbers)
+        os.write(writing, _PART_NUMBERS)
         os.close(writing)
         processes = []
         for _ in range(2):
             process = subprocess.Popen(
-                asked, env=environment, stdin=numbers, stdout=subprocess.DEVNULL, start_new_session=True
+                helper, env=environment, stdin=numbers, stdout=subprocess.DEVNULL, start_new_session=True
             )
-            processes.append(last.enter_context(process))
-            last.callback(process.kill)
+            processes.append(cleanup.enter_context(process))
+            cleanup.callback(process.kill)
         codes = [process.wait() for process in processes]
         return not any(codes)
     return False
@@ -305,10 +318,11 @@ def _compiled_apart(steps: tuple[str, ...]) -> bool:
 def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
     """Steps of compilation that tasks need, in the order of `STEPS`; a worker compiles whatever else is missing."""
     steps = {"lens"}
-    for task in tasks:  # of which parameters are read as they are: records of thousands of tasks would take seconds
-        steps.add(_STEP_OF_KIND.get(task.product, "lens"))
+    for task in tasks:  # parameters are read as plain values: to make records of thousands of tasks would take seconds
+        steps.add(_STEP_OF_PRODUCT.get(task.product, "lens"))
         if task.short_kind == "camera":
-            array, surfaces = task.params["microlenses"], task.params["prescription"]["surfaces"]
+            array = task.params["microlenses"]
+            surfaces = task.params["prescription"]["surfaces"]
             if any(row["conic"] or row["even_coefficients"] or row["odd_coefficients"] for row in surfaces):
                 steps.add("aspheres")
             if array and (array["model"] != "thin" or array["tilt_x_deg"] != 0 or array["tilt_y_deg"] != 0):
@@ -317,9 +331,11 @@ def steps_of(tasks: Iterable[Task]) -> tuple[str, ...]:
             steps.add("search")
         if view := task.params.get("view"):
             shapes = [placed["target"].get("surface", placed["target"])["kind"] for placed in view.get("targets", ())]
-            hides = shapes != ["flat"] or view.get("occluders")
-            steps |= {"company"} if task.product == "image" and hides else set()
-            steps |= {"shapes"} if set(shapes) & _NOT_FLAT else set()
+            may_hide = shapes != ["flat"] or view.get("occluders")
+            if task.product == "image" and may_hide:
+                steps.add("company")
+            if set(shapes) & _NOT_FLAT:
+                steps.add("shapes")
         if task.record and hasattr(task.record, "steps"):
             steps.update(from_plain(task.record, task.params).steps)
     return tuple(step for step in STEPS if step in steps)

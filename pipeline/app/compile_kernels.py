@@ -34,7 +34,7 @@ from pipeline.truth.grid import quad_search
 
 
 class Part(NamedTuple):
-    """Something to call if all `steps` are asked for."""
+    """A call that compiles kernels, made if all of its `steps` are to be compiled; names separated by spaces."""
 
     steps: str
     call: Callable[[], object]
@@ -42,13 +42,13 @@ class Part(NamedTuple):
 
 def compile_kernels(steps: Iterable[str], numbers: Iterable[int] | None = None) -> None:
     """Call every kernel of these steps once, with the types that real tasks use; or only parts with these numbers."""
-    asked = set(steps)
-    plugged = (plugged_in("kernel", step) for step in sorted(asked & offered("kernel").keys()))
-    parts = [part for part in (*chain(*plugged), *_PARTS) if asked.issuperset(part.steps.split())]
-    every = range(len(parts))
+    chosen = set(steps)
+    of_plug_ins = (plugged_in("kernel", step) for step in sorted(chosen & offered("kernel").keys()))
+    parts = [part for part in (*chain(*of_plug_ins), *_PARTS) if chosen.issuperset(part.steps.split())]
+    all_numbers = range(len(parts))
     gc.disable()  # the compiler frees almost nothing before it ends; searching for garbage costs a tenth of the time
     try:
-        for number in every if numbers is None else takewhile(every.__contains__, numbers):
+        for number in all_numbers if numbers is None else takewhile(all_numbers.__contains__, numbers):
             parts[number].call()
     finally:
         gc.enable()
@@ -59,18 +59,20 @@ def compile_apart() -> NoReturn:
 
     The process ends at once: to free one by one what the compiler has left takes seconds.
     """
-    sys.excepthook = lambda *error: None  # whoever started this process meets the error, too: see `_compiled_apart`
-    compile_kernels(sys.argv[1:], (read[0] for read in iter(lambda: os.read(0, 1), b"")))
+    sys.excepthook = lambda *error: None  # the process that started this one meets it, too: see `_compiled_by_helpers`
+    compile_kernels(sys.argv[1:], (byte[0] for byte in iter(lambda: os.read(0, 1), b"")))
     os._exit(0)
 
 
 def _tracer(*surfaces: Surface) -> Tracer:
+    """A camera of 2 x 2 pixels whose lens has these surfaces, and behind them its stop."""
     lens = Prescription(surfaces=(*surfaces, Surface(semi_diameter_mm=1.0, is_stop=True)))
     sensor = Sensor(width_px=2, height_px=2, pitch_mm=0.01)
     return Tracer(Camera(prescription=lens, sensor=sensor, sensor_distance_mm=10.0))
 
 
 def _plenoptic(tilt_x_deg: float) -> Tracer:
+    """A camera with one microlens, in a tilted array."""
     array = MicrolensArray(
         pitch_mm=0.1, focal_lengths_mm=(1.0,), columns=1, rows=1, distance_mm=1.0, tilt_x_deg=tilt_x_deg
     )
@@ -82,12 +84,13 @@ _POSITION, _NO_LENS = np.zeros((1, 2)), np.array([NO_MICROLENS])
 _CORNERS = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 """Vertices of a triangle [mm]: any shape compiles the same code."""
 _CARD = Occluder(vertices_mm=np.array(_CORNERS), triangles=np.array([[0, 1, 2]]))
-"""Something that hides others."""
+"""A triangle that may hide a target."""
 _SQUARES = Checkerboard(columns=2, rows=1, square_mm=1.0)
 """A pattern, of any size."""
 
 
 def _integrals(tracer: Tracer, microlens: int) -> None:
+    """Integrals over the light of one position on the sensor, by two rules."""
     outlines = edges(tracer.arrays, _POSITION, np.array([microlens]))
     outlines.moments(parallel_planes(1.0, 2.0)[None], (2, 4))
     edge_kernels.spread(outlines.polygons, outlines.counts, np.zeros((1, 1, 2)))
@@ -109,7 +112,9 @@ def _micro_images() -> None:
 
 
 def _pictures(tracer: Tracer, occluders: Sequence[Occluder] = ()) -> None:
-    board, pose = Target(_SQUARES), np.eye(4)
+    """A white image, and one of a board with occluders."""
+    board = Target(_SQUARES)
+    pose = np.eye(4)
     pose[2, 3] = 100.0
     scenes = [TargetLight([(board, pose)], 0.0, [(occluder, pose) for occluder in occluders])]
     rig = Rig.of(tracer)
@@ -126,13 +131,17 @@ def _shapes() -> None:
 
 
 def _shine(target: AnyTarget) -> None:
+    """Radiance of a target along one ray."""
     ray = np.array([[0.0, 0.0, 1.0]])
     target.points()
     TargetLight([(target, np.eye(4))], 0.0).radiance(ray, ray)
 
 
 def _search() -> None:
-    image, cell, quads = np.zeros((2, 2, 2)), np.zeros((2, 2), np.int64), np.zeros((1, 3), np.int64)
+    """The search for a point in a position image of 2 x 2 pixels."""
+    image = np.zeros((2, 2, 2))
+    cell = np.zeros((2, 2), np.int64)
+    quads = np.zeros((1, 3), np.int64)
     quad_search.quads_that_hold(image, cell, np.zeros((1, 2)), quads)
     limits = quad_search.Filter(True, 0.1, 0.1)
     quad_search.solve_quads(image, cell, np.zeros((1, 2)), quads, limits, np.zeros(1, np.int64), np.zeros((1, 9)))
@@ -161,4 +170,4 @@ _PARTS = (
     Part("micro_images", lambda: _integrals(_plenoptic(0.0), 0)),
     Part("company", lambda: _shine(Target(_SQUARES))),
 )
-"""What takes longest is first, so that two processes that take parts in turn end together."""
+"""All parts, the slowest first, so that two processes that take parts in turn end together."""

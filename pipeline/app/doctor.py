@@ -56,12 +56,15 @@ class Finding:
 
 def findings() -> Iterator[Finding]:
     """All findings, each computed when it is asked for; none raises."""
-    for look in (_python, _libraries, _processor, _memory, _store, _kernels, _device, _disk, _usd, _library, _settings):
+    subjects = (
+        *(_python, _libraries, _processor, _memory, _store, _kernels, _device, _disk, _usd, _library, _settings),
+    )
+    for look_at in subjects:
         try:
-            yield from look()
+            yield from look_at()
         except (PipelineError, OSError) as error:
             message, hint = (error.message, error.hint) if isinstance(error, PipelineError) else (str(error), None)
-            yield Finding(look.__name__[1:], message, hint or "see the message", is_wrong=True)
+            yield Finding(look_at.__name__[1:], message, hint or "see the message", is_wrong=True)
 
 
 def _python() -> Iterator[Finding]:
@@ -112,11 +115,11 @@ def _store() -> Iterator[Finding]:
 
 
 def _kernels() -> Iterator[Finding]:
-    folder, mend = cache_folder(), "" if can_keep() else REMEDY
-    there = ready(folder)
-    names = ", ".join(step for step in STEPS if step in there) or "nothing yet"
-    advice = "" if there.issuperset(STEPS) else "; others are compiled when needed, or now by `pipeline warm`"
-    yield Finding("kernels", f"{folder}, ready for {names}{advice}", mend)
+    folder = cache_folder()
+    compiled = ready(folder)
+    names = ", ".join(step for step in STEPS if step in compiled) or "nothing yet"
+    advice = "" if compiled.issuperset(STEPS) else "; others are compiled when needed, or now by `pipeline warm`"
+    yield Finding("kernels", f"{folder}, ready for {names}{advice}", "" if can_keep() else REMEDY)
 
 
 def _disk() -> Iterator[Finding]:
@@ -127,6 +130,7 @@ def _disk() -> Iterator[Finding]:
 
 
 def _usd() -> Iterator[Finding]:
+    """The USD that Python imports, and whether usdview would find our schemas."""
     spec = importlib.util.find_spec("pxr")
     yield Finding("usd", str(Path(spec.origin).parent) if spec and spec.origin else "not found")
     schemas = share("schemas")
@@ -149,6 +153,7 @@ def _library() -> Iterator[Finding]:
 
 
 def _settings() -> Iterator[Finding]:
+    """Environment variables with doubtful values, and a terminal without UTF-8."""
     for name, doubtful, mend in (
         ("PYTHONDONTWRITEBYTECODE", ".", "unset it: every process compiles all modules anew"),
         ("NUMBA_DISABLE_JIT", "[^0]", "unset it: kernels would run as plain Python"),

@@ -55,19 +55,20 @@ class Ensemble:
         """A line about each certificate that cannot show the claimed accuracy."""
         return [
             f"{name}: {certificate_lines({camera: judged})[0]}"
-            for name, of in self.certificates.items()
-            for camera, judged in of.items()
+            for name, certificates in self.certificates.items()
+            for camera, judged in certificates.items()
             if failed({camera: judged})
         ]
 
     def to_dict(self) -> Json:
         """Content of ensemble.json."""
         verdicts = {
-            name: {camera: judged["passed"] for camera, judged in of.items()} for name, of in self.certificates.items()
+            name: {camera: judged["passed"] for camera, judged in certificates.items()}
+            for name, certificates in self.certificates.items()
         }
         units = {number.name: {"unit": number.unit} for number in next(iter(self.numbers.values()))}
-        figures_of = {camera: of.to_dict() for camera, of in self.figures.items()}
-        return {"members": verdicts, "numbers": units, "cameras": figures_of}
+        cameras = {camera: its_figures.to_dict() for camera, its_figures in self.figures.items()}
+        return {"members": verdicts, "numbers": units, "cameras": cameras}
 
 
 def folder_of(stage: Path) -> Path:
@@ -94,11 +95,12 @@ def ensemble(
     roots = (*allowed_roots(stage, options.allow_roots)[:1], *options.allow_roots)  # a member may lie in no project
     options = replace(options, allow_roots=roots)
     names = [f"member_{number:04d}" for number in range(1, count + 1)]
-    if more := sorted({path.stem for path in out.glob("member_[0-9]*")} - {*names}):
+    if foreign := sorted({path.stem for path in out.glob("member_[0-9]*")} - {*names}):
         hint = "remove them and their layers, or choose another folder by --out"
-        raise UsageError(f"{out} has members of a larger ensemble: {more[0]} to {more[-1]}", hint=hint)
+        raise UsageError(f"{out} has members of a larger ensemble: {foreign[0]} to {foreign[-1]}", hint=hint)
     layers = {name: out / f"{name}.usda" for name in names}
-    texts, numbers = {}, {}
+    texts = {}
+    numbers = {}
     for member, (name, layer) in enumerate(layers.items(), 1):
         texts[name], numbers[name] = drawn(stage, member, layer)
     if not numbers[names[0]]:
@@ -141,9 +143,10 @@ def _no_tolerance(stage: Path) -> StageError:
 
 
 def _write(built: Ensemble, head: Json) -> None:
+    """Write ensemble.json, errors.csv with a row per member, and a table of rows per camera."""
     errors: dict[str, list[Any]] = {"member": list(built.numbers)}
     for i, number in enumerate(next(iter(built.numbers.values()))):
-        errors[number.name] = [of[i].error for of in built.numbers.values()]
+        errors[number.name] = [numbers[i].error for numbers in built.numbers.values()]
     with chosen_place("write", built.out):
         write_json(built.out / "ensemble.json", {**head, **built.to_dict()})
         write_table(built.out / "errors.csv", ["errors of the numbers of each member, in their units"], errors)
@@ -158,22 +161,25 @@ def _write(built: Ensemble, head: Json) -> None:
 
 
 def summary(built: Ensemble) -> list[str]:
-    """The figures of each camera, and the spread of its rows, as lines for a terminal."""
+    """The figures of each camera, and the spread of its rows, as lines for a terminal.
+
+    Figures that do not vary are left out: they have no correlation. The correlations are the lower triangle.
+    """
     text = []
     count = len(built.numbers)
-    for camera, of in built.figures.items():
-        shown = [i for i in range(len(of.names)) if not np.isnan(of.correlation[i, i])]
+    for camera, spread in built.figures.items():
+        varying = [i for i in range(len(spread.names)) if not np.isnan(spread.correlation[i, i])]
         text.append(f"{camera}: {count} members")
-        head = "".join(f"{number:6d}" for number in range(1, len(shown) + 1))
+        head = "".join(f"{number:6d}" for number in range(1, len(varying) + 1))
         text.append(f"{'':27}{'nominal':>14}{'mean':>14}{'deviation':>11}{head}  correlation")
-        for number, i in enumerate(shown, 1):
-            correlations = "".join(f"{of.correlation[i, j]:6.2f}" for j in shown[:number])
-            figure = f"{of.nominal[i]:14.6g}{of.mean[i]:14.6g}{of.deviation[i]:11.2g}"
-            text.append(f"  {number:2d} {of.names[i]:22}{figure}{correlations}")
+        for number, i in enumerate(varying, 1):
+            correlations = "".join(f"{spread.correlation[i, j]:6.2f}" for j in varying[:number])
+            cells = f"{spread.nominal[i]:14.6g}{spread.mean[i]:14.6g}{spread.deviation[i]:11.2g}"
+            text.append(f"  {number:2d} {spread.names[i]:22}{cells}{correlations}")
         table = built.tables[camera]
         in_all = table["members"] == count
         spread_px = np.hypot(table["deviation_x_px"], table["deviation_y_px"])[in_all]
         if len(spread_px):
-            figure = f"deviation {np.median(spread_px):.2g} px in the middle, {spread_px.max():.2g} px at most"
-            text.append(f"  rows: {len(in_all)}, of all members {np.count_nonzero(in_all)}: {figure}")
+            deviation = f"deviation {np.median(spread_px):.2g} px in the middle, {spread_px.max():.2g} px at most"
+            text.append(f"  rows: {len(in_all)}, of all members {np.count_nonzero(in_all)}: {deviation}")
     return text

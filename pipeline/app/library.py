@@ -30,7 +30,7 @@ class LibraryPart:
 def library(kind: str | None = None) -> dict[str, list[LibraryPart]]:
     """Parts by kind, of one kind or of all; UsageError if there is no such kind."""
     if kind is not None and kind not in KINDS:
-        hint = _of_part(Path(kind).stem) or did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
+        hint = _hint_for_part(Path(kind).stem) or did_you_mean(kind, KINDS) or f"there are {', '.join(KINDS)}"
         raise UsageError(f"the library has no {kind}", hint=hint)
     return {
         name: [
@@ -41,7 +41,7 @@ def library(kind: str | None = None) -> dict[str, list[LibraryPart]]:
     }
 
 
-def _of_part(name: str) -> str | None:
+def _hint_for_part(name: str) -> str | None:
     """Hint for a part named in place of a kind."""
     kind = next((kind for kind in KINDS for path in _files(kind) if path.stem == name), None)
     if kind is None:
@@ -55,14 +55,14 @@ def _files(kind: str) -> list[Path]:
     return sorted((share("stages") / kind).glob("*.usda"))
 
 
-def _of_lens(path: Path) -> Figures:
+def _lens_figures(path: Path) -> Figures:
     lens = load(path).lens
     assert lens is not None, path
     report = lens_report(lens.prescription)
     return {name: report[name] for name in ("efl_mm", "f_number", "bfd_mm", "length_mm", "surfaces")}
 
 
-def _of_rig(path: Path) -> Figures:
+def _rig_figures(path: Path) -> Figures:
     entry = load(path).cameras[0]
     camera = entry.asked
     report = lens_report(camera.prescription)
@@ -73,15 +73,15 @@ def _of_rig(path: Path) -> Figures:
     return {**figures, "microlens_types": None if array is None else len(array.focal_lengths_mm)}
 
 
-def _of_target(path: Path) -> Figures:
+def _target_figures(path: Path) -> Figures:
     target = load(path).targets[0].target
     return {"kind": target.kind, "points": len(target.points().kinds)}
 
 
 _FIGURES = {
-    "lenses": _of_lens,
-    "rigs": _of_rig,
+    "lenses": _lens_figures,
+    "rigs": _rig_figures,
     "sensors": sensor_figures,
     "mlas": array_figures,
-    "targets": _of_target,
+    "targets": _target_figures,
 }

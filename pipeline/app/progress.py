@@ -70,6 +70,7 @@ class Lines:
         return sum(count * means.get(kind, usual) for kind, count in self._left.items()) / self._jobs
 
     def _line(self, event: Event) -> str | None:
+        """The line about an event; None if it is not shown at this verbosity."""
         match event:
             case Warned():
                 return f"warning: {event.text}"
@@ -103,8 +104,8 @@ class Bar(Lines):
 
         super().__init__(verbosity=-1)
         self._news = ""
-        rest = Column(ratio=1, no_wrap=True)  # what bar and time leave of a narrow terminal
-        text = TextColumn("{task.description}", markup=False, table_column=rest)
+        remaining_width = Column(ratio=1, no_wrap=True)  # after bar and time, even on a narrow terminal
+        text = TextColumn("{task.description}", markup=False, table_column=remaining_width)
         columns = (BarColumn(bar_width=12), text, TimeElapsedColumn())
         console = Console(file=Stderr(draws=True) if isinstance(self._stream, Stderr) else self._stream)
         self._progress = Progress(
@@ -126,8 +127,8 @@ class Bar(Lines):
         if isinstance(event, Done) and event.news:
             self._news = f"  ({event.result.name}: {event.news})"
         name = event.result.name if isinstance(event, Done) else event.task if isinstance(event, Started) else ""
-        left = self._seconds_left()
-        eta = "" if left is None else f"  ETA {int(left) // 60}:{int(left) % 60:02}"
+        seconds_left = self._seconds_left()
+        eta = "" if seconds_left is None else f"  ETA {int(seconds_left) // 60}:{int(seconds_left) % 60:02}"
         text = for_terminals(f"{self._tally()} {name}{eta}{self._news}")
         self._progress.update(self._bar, total=self._total, completed=self._counts.total(), description=text)
 
@@ -138,11 +139,13 @@ class Bar(Lines):
 class Ending:
     """Lines after a build: every failure with its log and the command that repeats it, then a summary.
 
-    `again` has stage and options as the user typed them; it is shown if the task could not be saved to a file.
+    `arguments` are stage and options as the user typed them, for the command that builds a failed task once more; a
+    task that could be saved to a file is repeated by `run-task`.
     """
 
-    def __init__(self, verbosity: int, again: str) -> None:
-        self._verbosity, self._again = verbosity, again
+    def __init__(self, verbosity: int, arguments: str) -> None:
+        self._verbosity = verbosity
+        self._arguments = arguments
         self._bad: dict[str, TaskResult] = {}
         self._result: Result | None = None
 
@@ -157,14 +160,15 @@ class Ending:
 
     def show(self) -> None:
         """Print the lines to stderr."""
-        alike: dict[object, list[TaskResult]] = {}
+        groups: dict[object, list[TaskResult]] = {}  # tasks with the same error
         for task in self._bad.values():
-            same = (task.error, task.place) if task.state == "failed" else task.name
-            alike.setdefault(same, []).append(task)
-        for line in (*(line for tasks in alike.values() for line in self._failure(*tasks)), *self._summary()):
+            error = (task.error, task.place) if task.state == "failed" else task.name
+            groups.setdefault(error, []).append(task)
+        failures = (line for tasks in groups.values() for line in self._failure(*tasks))
+        for line in (*failures, *self._summary()):
             print(line, file=sys.stderr, flush=True)
 
-    def _failure(self, task: TaskResult, *others: TaskResult) -> Iterator[str]:
+    def _failure(self, task: TaskResult, *further: TaskResult) -> Iterator[str]:
         """Lines of one error, once for all tasks that met it: message, location in the stage, remedy, next step."""
         if task.state != "failed":
             outputs = ", ".join(task.differs)
@@ -176,13 +180,15 @@ class Ending:
         yield from (f"    {line}" for line in filter(None, [prim]))
         yield from (line if line.startswith("    ") else f"    {line}" for line in more)
         yield f"    task {task.name} failed (key {str(task.key)[:12]})"
-        if others:
-            yield f"    so did, alike: {', '.join(other.name for other in others)}"
+        if further:
+            yield f"    so did, alike: {', '.join(other.name for other in further)}"
         yield from [f"    log: {task.log}"] if task.log else []
-        again = f"run-task {shlex.quote(task.spec)}" if task.spec else f"build {self._again} --until {task.name} -j1"
-        yield f"    again: pipeline {again}"
+        build_again = f"build {self._arguments} --until {task.name} -j1"
+        command = f"run-task {shlex.quote(task.spec)}" if task.spec else build_again
+        yield f"    again: pipeline {command}"
 
     def _summary(self) -> Iterator[str]:
+        """Lines about the build: error, counts and times, and the state of its output folder."""
         result = self._result
         if result is None:
             return
@@ -196,8 +202,8 @@ class Ending:
             yield f"{len(result.checked)} tasks computed twice, {len(result.different)} with other bytes"
         if result.untouched:
             yield f"{result.out} was not touched: {result.untouched}"
-        if result.asked is not None:
-            count = len(result.asked)
-            whole_one = "a build without TARGET brings the rest and a manifest"
-            state = "its manifest still holds" if result.is_finished else whole_one
+        if result.requested is not None:
+            count = len(result.requested)
+            advice = "a build without TARGET brings the rest and a manifest"
+            state = "its manifest still holds" if result.is_finished else advice
             yield f"{count} file{'s' * (count != 1)} of {result.out} delivered; {state}"

@@ -32,14 +32,16 @@ from pipeline.targets.target import Target
 
 _FISHEYE = 2.5
 """Like `_CORNERS`, and tried first for very wide lenses: those of 220 degrees image up to 1.9 focal lengths."""
-_CORNERS, _PIXELS = (0.2, 0.1, 0.05), 64
-"""Square sensor with which a bare lens is shown: half diagonal over the focal length, the first of these whose corners
-a chief ray reaches, and pixels along an edge.
+_CORNERS = 0.2, 0.1, 0.05
+"""Half diagonal of the square sensor with which a bare lens is shown, over the focal length: the first of these whose
+corners a chief ray reaches.
 """
+_PIXELS = 64
+"""Pixels along an edge of that sensor."""
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownCamera:
     """A camera of a stage, or the lens of a stage that holds nothing else, and warnings about the stage.
 
     `document` is the content of camera.json; for a bare lens, its first-order figures. `curves` are over the field, for
@@ -72,7 +74,7 @@ class Shown:
             return drawing.svg(self.camera, f"{self.entry.name}: {self.entry.lens_name}")
 
 
-def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> list[Shown]:
+def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str | Path] = ()) -> list[ShownCamera]:
     """The cameras of a stage, or the one named, or its lens; StageError without these, UsageError as `chosen`."""
     loaded = sound(path, allow_roots)
     names = [entry.name for entry in loaded.cameras]
@@ -81,22 +83,24 @@ def show(path: str | Path, camera: str | None = None, allow_roots: Iterable[str 
     if not names:
         hint = "name a dataset, a rig or a lens; a camera is a Camera with PlenCameraAPI"
         raise lacking(path, "camera", f"`pipeline target {path}` describes a target" if loaded.targets else hint)
-    wanted = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]
-    return [_shown_camera(entry, loaded.problems) for entry in wanted]
+    entries = loaded.cameras if camera is None else [loaded.cameras[chosen(path, "camera", names, camera)]]
+    return [_shown_camera(entry, loaded.problems) for entry in entries]
 
 
-def _shown_camera(entry: CameraEntry, warnings: list[Problem]) -> Shown:
+def _shown_camera(entry: CameraEntry, warnings: list[Problem]) -> ShownCamera:
+    """A camera of a stage with its camera.json and its field curves for objects in focus."""
     with blamed_on(entry.file, entry.line, entry.prim_path):
         camera = entry.camera
         content = document(labels_of(entry), camera, pinhole(camera), focused(entry.asked))
-        return Shown(entry, warnings, content, camera, field_curves(camera, middle_focus(camera)))
+        return ShownCamera(entry, warnings, content, camera, field_curves(camera, middle_focus(camera)))
 
 
-def _shown_lens(entry: LensEntry, warnings: list[Problem]) -> Shown:
+def _shown_lens(entry: LensEntry, warnings: list[Problem]) -> ShownCamera:
+    """A lens with its first-order figures, before a sensor if it has a real image."""
     head = {"name": entry.lens_name, "index_source": entry.index_source}
     lens = {**head, **lens_report(entry.prescription)}
     content = {"conventions": CONVENTIONS, "wavelengths_nm": [entry.wavelength_nm], "lens": lens}
-    return Shown(entry, warnings, content, *_with_sensor(entry))
+    return ShownCamera(entry, warnings, content, *_with_sensor(entry))
 
 
 def _with_sensor(entry: LensEntry) -> tuple[Camera, FieldCurves] | tuple[None, None]:
@@ -132,15 +136,15 @@ class PointImages:
 
     def plain(self) -> list[Json]:
         """Plain values, as in `show --json`."""
-        names = [({"channel": entry.channel.name} if entry.channel else {}, images) for entry, images in self.channels]
-        return [{**channel, **image.to_plain()} for channel, images in names for image in images]
+        heads = [({"channel": entry.channel.name} if entry.channel else {}, images) for entry, images in self.channels]
+        return [{**head, **image.to_plain()} for head, images in heads for image in images]
 
 
 def draw_points(
-    shown: list[Shown], path: Path, at_px: tuple[float, float] | None, distance_mm: float | None
+    cameras: list[ShownCamera], path: Path, at_px: tuple[float, float] | None, distance_mm: float | None
 ) -> PointImages:
     """Write the drawing of point images of one camera, by default in focus; UsageError if the stage has several."""
-    entry = _single(shown).entry
+    entry = _single(cameras).entry
     if isinstance(entry, LensEntry):
         raise UsageError("a lens alone has no sensor on which points have images", hint="name a rig or a dataset")
     channels = []
@@ -157,22 +161,22 @@ def draw_points(
     return PointImages(channels, pitch_mm)
 
 
-def _single(shown: list[Shown]) -> Shown:
-    if len(shown) > 1:
-        names = ", ".join(camera.entry.name for camera in shown)
+def _single(cameras: list[ShownCamera]) -> ShownCamera:
+    if len(cameras) > 1:
+        names = ", ".join(camera.entry.name for camera in cameras)
         raise UsageError(f"one drawing shows one of these cameras: {names}", hint="name it behind the stage")
-    return shown[0]
+    return cameras[0]
 
 
-def plain_json(shown: list[Shown], points: PointImages | None = None) -> str:
+def plain_json(cameras: list[ShownCamera], points: PointImages | None = None) -> str:
     """JSON of one camera or lens, with its point images if they were drawn, or of several cameras by name."""
-    plain = {camera.entry.name: camera.plain() for camera in shown} if len(shown) > 1 else shown[0].plain()
+    plain = {camera.entry.name: camera.plain() for camera in cameras} if len(cameras) > 1 else cameras[0].plain()
     return json_bytes({**plain, "point_images": points.plain()} if points else plain).decode()
 
 
-def plot(shown: list[Shown], path: Path) -> None:
+def plot(cameras: list[ShownCamera], path: Path) -> None:
     """Write the drawing of one camera or lens; UsageError if there are several."""
-    draw(_single(shown)._drawing(), path)
+    draw(_single(cameras)._drawing(), path)
 
 
 @dataclass(frozen=True)
@@ -197,8 +201,10 @@ class TargetPrint:
         lines = [f"{self.entry.name}: {title}", f"shape   {shape}", *ids]
         kinds = {kind: points.kinds.count(kind) for kind in dict.fromkeys(points.kinds)}
         lines.append("points  " + ", ".join(f"{count} x {kind}" for kind, count in kinds.items()))
-        low, high = points.position_mm.min(axis=0) + 0.0, points.position_mm.max(axis=0) + 0.0
-        lines.append("extent  " + ", ".join(f"{a} {x:g} to {y:g} mm" for a, x, y in zip("xyz", low, high, strict=True)))
+        low = points.position_mm.min(axis=0) + 0.0
+        high = points.position_mm.max(axis=0) + 0.0
+        sides = (f"{axis} {a:g} to {b:g} mm" for axis, a, b in zip("xyz", low, high, strict=True))
+        lines.append(f"extent  {', '.join(sides)}")
         return lines
 
     def write(self, path: Path) -> str:

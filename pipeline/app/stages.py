@@ -59,8 +59,8 @@ def located(path: Path) -> Path:
     if (library / path).is_file():
         return library / path
     names = [file.relative_to(library).as_posix() for file in library.glob("*/*.usda")]
-    same = [name for name in names if Path(name).stem == path.stem]
-    hint = f'did you mean "{same[0]}"?' if same else did_you_mean(str(path), names)
+    same_stem = [name for name in names if Path(name).stem == path.stem]
+    hint = f'did you mean "{same_stem[0]}"?' if same_stem else did_you_mean(str(path), names)
     hint = hint or "`pipeline library` lists what it has"
     raise UsageError(f"there is no {path}, and the library has none", hint=hint)
 
@@ -120,6 +120,7 @@ def import_camera(path: Path, lens: Path | None = None) -> Imported:
 
 
 def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[Any], str]) -> Imported:
+    """A lens or camera that was read, as the text of a stage whose provenance lists the losses."""
     losses = "; ".join(loss.statement for loss in lost)
     notes = (f"Not part of this stage, or decided on import: {losses}.",) if losses else ()
     try:
@@ -131,7 +132,7 @@ def _imported(path: Path, read: Any, lost: Sequence[Lost], text_of: Callable[[An
 
 
 def require_free(out: Path) -> None:
-    """UsageError where no new stage can be written: another suffix, a name that is taken, or no such folder."""
+    """Raise UsageError if no new stage can be written there: another suffix, a name that is taken, no such folder."""
     if out.suffix != ".usda":
         raise UsageError(f"{out} must end in .usda", hint=f"write {out.with_suffix('.usda')}" if out.name else None)
     if os.path.lexists(out):

@@ -59,9 +59,9 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
     out = Path(out)
     listed = manifest.read(out)
     if _STAGE not in listed.files:
-        why = "its manifest.json is none of a build, or damaged" if listed.data else "it has no manifest.json"
-        why = "it is a preview, without truth" if listed.files else why
-        raise UsageError(f"{out} holds no finished build: {why}", hint="verify takes the folder of `pipeline build`")
+        reason = "its manifest.json is none of a build, or damaged" if listed.data else "it has no manifest.json"
+        reason = "it is a preview, without truth" if listed.files else reason
+        raise UsageError(f"{out} holds no finished build: {reason}", hint="verify takes the folder of `pipeline build`")
     verdict = Verdict(list(wrong_files(out, listed)))
     try:
         build = project(out / _STAGE, out)
@@ -79,8 +79,8 @@ def verify(out: str | Path, seed: int = 1) -> Verdict:
 
 def wrong_files(out: Path, listed: Manifest) -> Iterator[str]:
     """Descriptions of missing, altered and unexpected files."""
-    there = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()}
-    for name in sorted(there - listed.files.keys() - {manifest.NAME}):
+    in_folder = {path.relative_to(out).as_posix() for path in out.rglob("*") if not path.is_dir()}
+    for name in sorted(in_folder - listed.files.keys() - {manifest.NAME}):
         yield f"{printable(name)} is not in the manifest"
     for name, entry in sorted(listed.files.items()):
         if fault := _fault(out / name, entry):

@@ -31,74 +31,89 @@ def with_edits(
     if not sources:
         return list(tasks)
     distinct = {id(source): source for source in sources.values()}
-    states = {key: _Since(source, project, path, tasks) for key, source in distinct.items()}
-    named: dict[str, PlannedTask] = {}
+    histories = {key: _EditsSince(source, project, path, tasks) for key, source in distinct.items()}
+    done: dict[str, PlannedTask] = {}
     for task in tasks:  # inputs come first: a task that waits for others takes over the edits that make those run
-        since = states[id(sources.get(task.name, sources[""]))]
+        history = histories[id(sources.get(task.name, sources[""]))]
         reasons = [
-            replace(reason, edits=named[reason.field].edits if reason.field in named else since.behind(task, reason))
+            replace(reason, edits=done[reason.field].edits if reason.field in done else history.behind(task, reason))
             for reason in task.reasons
         ]
-        named[task.name] = replace(task, reasons=tuple(reasons))
-    return list(named.values())
+        done[task.name] = replace(task, reasons=tuple(reasons))
+    return list(done.values())
 
 
-class _Since:
-    """The edits of a stage since an earlier state of it, from which some tasks were built."""
+class _EditsSince:
+    """The edits of a stage since an earlier state of it, from which some tasks were built.
+
+    A part of a dataset is named as its readers name it, `cameras/Camera`, `poses/targets/Board` or `dataset`.
+    """
 
     def __init__(self, source: Any, project: Project, path: Path, tasks: Iterable[PlannedTask]) -> None:
         edits = edits_between(source["written"], project.source["written"], path)
-        before, now = source["read"], project.source["read"]
+        paths_before = source["read"]
+        paths_now = project.source["read"]
         self._graph = project.graph
-        targets = [part for part in now if part.startswith("targets/")]
-        self._numbered = {f"targets/{number}": part for number, part in enumerate(targets)}
-        self._edits = {
-            part: [edit for edit in edits if _is_read(edit.at, {*before.get(part, ()), *now.get(part, ())})]
-            for part in before | now
+        targets = [part for part in paths_now if part.startswith("targets/")]
+        self._target_by_number = {f"targets/{number}": part for number, part in enumerate(targets)}
+        self._edits_of_part = {
+            part: [edit for edit in edits if _is_read(edit.at, {*paths_before.get(part, ()), *paths_now.get(part, ())})]
+            for part in paths_before | paths_now
         }
+        self._edits = cache(self._edits_of_parts)  # thousands of reasons are about the same parts
+        self._origin = cache(self._frame_and_parts)
         reasons = [(task, reason) for task in tasks for reason in task.reasons if _is_open(reason)]
-        self._of_parts = cache(self._collected)  # thousands of reasons are about the same parts
-        self._made_of = cache(self._noted)
-        self._shown = {id(edit) for task, reason in reasons for edit in self._showing(task, reason)}
+        self._shown_by_values = {id(edit) for task, reason in reasons for edit in self._with_values_of(task, reason)}
 
     def behind(self, task: PlannedTask, reason: Reason) -> tuple[Edit, ...]:
         """The edits behind a reason; none if it is not about the stage."""
         if not _is_open(reason):
             return ()
-        frame, _ = self._made_of(task.name, reason.field or "")
-        edits = next(filter(None, self._candidates(task, reason)), None) or self._of_parts("", frame=frame)
-        derived = [edit for edit in edits if id(edit) not in self._shown]
-        return tuple(self._showing(task, reason) or derived or edits)
+        frame, _ = self._origin(task.name, reason.field or "")
+        edits = next(filter(None, self._candidates(task, reason)), None) or self._edits("", frame=frame)
+        derived = [edit for edit in edits if id(edit) not in self._shown_by_values]
+        return tuple(self._with_values_of(task, reason) or derived or edits)
 
-    def _showing(self, task: PlannedTask, reason: Reason) -> list[Edit]:
+    def _with_values_of(self, task: PlannedTask, reason: Reason) -> list[Edit]:
         """Edits with the old and the new value of a reason, or with the one of the two that is written."""
-        showing = (
+        if reason.type is not ReasonType.CHANGED:
+            return []
+        matches = (
             [edit for edit in edits if _shows((edit.old, edit.new), (reason.old, reason.new))]
             for edits in self._candidates(task, reason)
-            if reason.type is ReasonType.CHANGED
         )
-        return next(filter(None, showing), [])
+        return next(filter(None, matches), [])
 
     def _candidates(self, task: PlannedTask, reason: Reason) -> Iterator[list[Edit]]:
-        """Edits of what the parameter of a reason, or the task, is made of, and those of the dataset itself."""
-        frame, notes = self._made_of(task.name, reason.field or "")
-        is_motion, parts, owners = "motions" in notes, sorted(notes - {"poses", "motions"}), list[str]()
-        pose = "poses/" if is_motion or "poses" in notes else ""
-        if pose or not parts:
-            owner = (*task.name.split("@")[0].split("/"), "")[1]
-            owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits]
-            parts += owners or ["cameras"]
-        yield self._of_parts(*(pose + part for part in parts), frame=None if is_motion else frame)
-        if is_motion:  # it is made of poses of other frames, too, and of the camera's shutter
-            yield self._of_parts(*owners, frame=None)
-        if not pose:
-            yield self._of_parts(f"{task.kind}s", "dataset", frame=frame)
+        """Groups of edits that may be behind a reason, the most likely first.
 
-    def _noted(self, name: str, field: str) -> tuple[int | None, set[str]]:
-        """The frame to which a task, or a field of its parameters, belongs, and the parts of which it is made."""
-        task, (start, *steps) = self._graph[name], re.findall(r"\w+", field) or [""]
+        They are those of the parts of which its parameter, or the task, is made, and those of the dataset itself.
+        """
+        frame, notes = self._origin(task.name, reason.field or "")
+        is_motion = "motions" in notes
+        parts = sorted(notes - {"poses", "motions"})
+        owners = list[str]()
+        prefix = "poses/" if is_motion or "poses" in notes else ""
+        if prefix or not parts:
+            owner = (*task.name.split("@")[0].split("/"), "")[1]
+            owners = [part for part in (f"cameras/{owner}", f"targets/{owner}") if part in self._edits_of_part]
+            parts += owners or ["cameras"]
+        yield self._edits(*(prefix + part for part in parts), frame=None if is_motion else frame)
+        if is_motion:  # it is made of poses of other frames, too, and of the camera's shutter
+            yield self._edits(*owners, frame=None)
+        if not prefix:
+            yield self._edits(f"{task.kind}s", "dataset", frame=frame)
+
+    def _frame_and_parts(self, name: str, field: str) -> tuple[int | None, set[str]]:
+        """The frame to which a task, or a field of its parameters, belongs, and the parts of which it is made.
+
+        `field` is a path such as `params.view.targets[0].target`; the annotations of the records along it name parts.
+        """
+        task = self._graph[name]
+        start, *steps = re.findall(r"\w+", field) or [""]
         number = name.split("/")[2 : None if task.short_kind == task.product else -1]  # a tile has its own at the end
-        frame, notes = int(number[0]) if number and number[0].isdigit() else None, set[str]()
+        frame = int(number[0]) if number and number[0].isdigit() else None
+        notes = set[str]()
         value: Any = from_plain(task.record, task.params) if task.record and start == "params" else None
         for step, following in pairwise([*steps, ""]):
             if is_dataclass(value):
@@ -111,15 +126,17 @@ class _Since:
                 value = value[int(step)]
             else:
                 value = value.get(step) if isinstance(value, dict) else None
-        return frame, {self._numbered.get(note, note) for note in notes}
+        return frame, {self._target_by_number.get(note, note) for note in notes}
 
-    def _collected(self, *parts: str, frame: int | None) -> list[Edit]:
-        """Edits of some parts at a frame; "" has all of them."""
-        within = [
-            edits for part, edits in self._edits.items() if any(is_below(part, wanted or part) for wanted in parts)
+    def _edits_of_parts(self, *parts: str, frame: int | None) -> list[Edit]:
+        """Edits of parts, and of parts below these, at a frame; "" stands for all parts, None for all frames."""
+        groups = [
+            edits
+            for part, edits in self._edits_of_part.items()
+            if any(is_below(part, above or part) for above in parts)
         ]
-        edits = {id(edit): edit for group in within for edit in group}
-        return [edit for edit in edits.values() if frame is None or edit.time in (None, frame)]
+        distinct = {id(edit): edit for edits in groups for edit in edits}
+        return [edit for edit in distinct.values() if frame is None or edit.time in (None, frame)]
 
 
 def _is_open(reason: Reason) -> bool:
@@ -137,9 +154,9 @@ def _is_read(at: str, paths: set[str]) -> bool:
     return at in paths if at == "/" else any(is_below(path, at) for path in paths)
 
 
-def _shows(values: tuple[Any, Any], wanted: tuple[Any, Any]) -> bool:
-    """Whether an old and a new value, or one of their entries, are the wanted ones; None: it is not written."""
-    old, new = values
-    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) and values != wanted:
-        return any(_shows(pair, wanted) for pair in zip(old, new, strict=True) if pair[0] != pair[1])
-    return values != (None, None) and all(value in (None, other) for value, other in zip(values, wanted, strict=True))
+def _shows(edited: tuple[Any, Any], reason: tuple[Any, Any]) -> bool:
+    """Whether the old and new value of an edit, or of one of its entries, are those of a reason; None: not written."""
+    old, new = edited
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new) and edited != reason:
+        return any(_shows(pair, reason) for pair in zip(old, new, strict=True) if pair[0] != pair[1])
+    return edited != (None, None) and all(value in (None, other) for value, other in zip(edited, reason, strict=True))

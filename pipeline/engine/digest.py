@@ -44,11 +44,13 @@ def canonical_dict(items: Mapping[str, bytes]) -> bytes:
 
 
 def _item(tag: bytes, payload: bytes = b"") -> bytes:
+    """A value with its tag and length."""
     return b"%b%d:%b" % (tag, len(payload), payload)
 
 
 @functools.lru_cache(maxsize=4096)
 def _name(name: str) -> bytes:
+    """Canonical bytes of a string: dicts of many tasks have the same names."""
     return _item(b"s", name.encode())
 
 

@@ -16,7 +16,9 @@ from pipeline.errors import EnvironmentFault
 _FICLONE = 0x40049409
 """FICLONE of linux/fs.h: share the blocks of another file, with copy on write."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a full disk, of a used-up quota, and of a file larger than the file system allows."""
 _REFUSED = (errno.EROFS, errno.EACCES, errno.EPERM)
+"""Errors of read-only file systems and of missing permissions."""
 _MACHINE_ERRORS = (*_FULL, *_REFUSED, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.EIO, errno.ESTALE)
 
 Signature = list[int]
@@ -75,11 +77,11 @@ def open_regular(path: Path | str) -> BufferedReader:
     raise OSError(f"{path} is no plain file")
 
 
-def read_regular(path: Path | str, most: int | None = None) -> bytes | None:
-    """All bytes of a plain file; None for anything else, an unreadable file, or one larger than `most` bytes."""
+def read_regular(path: Path | str, limit_bytes: int | None = None) -> bytes | None:
+    """All bytes of a plain file; None for anything else, an unreadable file, or one beyond the limit."""
     with contextlib.suppress(OSError), open_regular(path) as stream:
-        data = stream.read() if most is None else stream.read(most + 1)
-        return data if most is None or len(data) <= most else None
+        data = stream.read() if limit_bytes is None else stream.read(limit_bytes + 1)
+        return data if limit_bytes is None or len(data) <= limit_bytes else None
     return None
 
 

@@ -27,10 +27,10 @@ class Interrupts:
         self._undo = contextlib.ExitStack()
 
     def __enter__(self) -> "Interrupts":
-        before = signal.getsignal(signal.SIGINT)
+        previous = signal.getsignal(signal.SIGINT)
         # Python allows signal handlers in the main thread only.
-        if before is not signal.SIG_IGN and threading.current_thread() is threading.main_thread():
-            self._undo.callback(signal.signal, signal.SIGINT, before)
+        if previous is not signal.SIG_IGN and threading.current_thread() is threading.main_thread():
+            self._undo.callback(signal.signal, signal.SIGINT, previous)
             signal.signal(signal.SIGINT, self._answer)
         return self
 
@@ -50,6 +50,7 @@ class Interrupts:
             self._may_stop = False
 
     def _answer(self, number: int, frame: FrameType | None) -> None:
+        """Handle the first Ctrl-C: note it, restore the previous handler, and stop work that may be stopped."""
         self.arrived = True
         self._undo.close()
         if sys.__stderr__ is not None and sys.__stderr__.isatty():

@@ -63,14 +63,15 @@ def bytes_of(text: str, setting: str) -> int:
 
 
 def info(store: Store) -> Inventory:
+    """Count the content of a store."""
     sizes = {name: facts.st_size for name, facts in store.entries("blob")}
-    pinned = filter(None, map(store.peek, pinned_keys(store)))
-    kept = {blob.sha256 for record in pinned for blob in record.outputs.values()}
+    records = filter(None, map(store.peek, pinned_keys(store)))
+    pinned = {blob.sha256 for record in records for blob in record.outputs.values()}
     return Inventory(
         records=sum(1 for _ in store.entries("record")),
         blobs=len(sizes),
         bytes=sum(sizes.values()),
-        pinned_bytes=sum(sizes.get(name, 0) for name in kept),
+        pinned_bytes=sum(sizes.get(name, 0) for name in pinned),
         limit_bytes=limit_from_environment(),
     )
 
@@ -106,8 +107,8 @@ def pinned_keys(store: Store) -> set[str]:
     for note in (store.read_note("history", name) for name in store.notes("history")):
         try:
             out = Path(note["out"])
-            ours = OurFiles(out, store).digests
-            is_partial = manifest.NAME not in ours and any((out / path).is_file() for path in ours)
+            delivered = OurFiles(out, store).digests
+            is_partial = manifest.NAME not in delivered and any((out / path).is_file() for path in delivered)
             if is_partial or (out / manifest.NAME).is_file():
                 keys.update(note["keys"].values())
         except (TypeError, KeyError, AttributeError, ValueError):
@@ -116,14 +117,14 @@ def pinned_keys(store: Store) -> set[str]:
 
 
 def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set[str], set[str]]:
-    """Keys and blobs to keep: the pinned ones, then the most recently used as long as there is room."""
+    """Keys and blobs to keep: the pinned ones, then the most recently used until the limit is reached."""
     pinned = pinned_keys(store)
     by_use = sorted(
         store.entries("record"), key=lambda entry: (entry[0] in pinned, entry[1].st_mtime_ns, entry[0]), reverse=True
     )
     keys: set[str] = set()
     blobs: set[str] = set()
-    room = limit_bytes
+    free_bytes = limit_bytes
     for key, _ in by_use:
         record = store.peek(key)
         if record is None and is_unreadable(path := store.path("record", key)):  # it may refer to any blob
@@ -131,11 +132,11 @@ def _to_keep(store: Store, sizes: dict[str, int], limit_bytes: int) -> tuple[set
         if record is None:
             continue
         names = {blob.sha256 for blob in record.outputs.values()}
-        need = sum(sizes.get(name, 0) for name in names - blobs)
-        if key not in pinned and need > room:
-            room = 0  # strictly by use: a small old entry does not outlive a large newer one
+        needed_bytes = sum(sizes.get(name, 0) for name in names - blobs)
+        if key not in pinned and needed_bytes > free_bytes:
+            free_bytes = 0  # strictly by use: a small old entry does not outlive a large newer one
             continue
-        room -= need
+        free_bytes -= needed_bytes
         keys.add(key)
         blobs |= names
     return keys, blobs

@@ -89,6 +89,7 @@ class BuildKeywords(TypedDict, total=False):
 
 
 USUAL = BuildOptions()
+"""The defaults."""
 ALONE = BuildOptions(jobs=1)
 """Run everything in this process."""
 
@@ -98,7 +99,7 @@ class Caller:
     """The caller's part of a run.
 
     `on_event` is its listener. `prepare` is called once in this process before the first task runs, and not if no task
-    runs; signals stop it at once. `interrupts` are the open ones of a caller whose own later work signals may end.
+    runs; signals stop it at once. `interrupts` is an open context of the caller, whose later work Ctrl-C may end, too.
     `peaks` is the peak memory of earlier tasks by kind [bytes]: only tasks that fit together run together. `places` are
     those of the project. `folder` is its output folder, for tasks that read it.
     """
@@ -112,3 +113,4 @@ class Caller:
 
 
 NOBODY = Caller()
+"""A caller that listens to nothing and prepares nothing."""

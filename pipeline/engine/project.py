@@ -39,12 +39,12 @@ class Project:
 
 def files_of(project: Project, target: str) -> list[str]:
     """Files of the output folder that match a target; for tasks, all files that they make, possibly none."""
-    return _meant(project, target)[0]
+    return _matches(project, target)[0]
 
 
 def tasks_of(project: Project, target: str) -> list[str]:
     """Tasks that match a target; UsageError if none does, or if the target is a file written from the stage itself."""
-    files, tasks = _meant(project, target)
+    files, tasks = _matches(project, target)
     if not tasks:
         raise UsageError(f"{files[0]} is written from the stage itself, no task makes it")
     return tasks
@@ -56,21 +56,21 @@ def selection(project: Project, options: BuildOptions) -> tuple[TaskGraph, set[s
     """
     forced = {name for target in options.force for name in tasks_of(project, target)}
     last = {name for target in options.until for name in tasks_of(project, target)}
-    wanted = [_meant(project, target)[1] for target in options.targets]
-    last |= {name for tasks in wanted for name in tasks}
-    is_part = (last or wanted) and not any(project.graph[name].after_delivery for name in last)
+    for target in options.targets:
+        last.update(_matches(project, target)[1])  # none for a file that no task makes
+    is_part = (last or options.targets) and not any(project.graph[name].after_delivery for name in last)
     return (project.graph.up_to(last) if is_part else project.graph), forced
 
 
-def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
+def _matches(project: Project, target: str) -> tuple[list[str], list[str]]:
     """Files and tasks that match a target; UsageError if nothing does.
 
     A target is the path of a file or folder in the output folder; a name, beginning or pattern of tasks; or a pattern
     of files. Zeros before a frame number may be left out.
     """
-    given = Path(target)
-    out = project.out.absolute() if Path(target).is_absolute() else project.out
-    path = (given.relative_to(out) if given.is_relative_to(out) else given).as_posix()
+    target_path = Path(target)
+    out = project.out.absolute() if target_path.is_absolute() else project.out
+    path = (target_path.relative_to(out) if target_path.is_relative_to(out) else target_path).as_posix()
     files = [name for name in project.files if f"{unpadded(name)}/".startswith(f"{unpadded(path)}/")]
     if not files:
         try:
@@ -78,12 +78,12 @@ def _meant(project: Project, target: str) -> tuple[list[str], list[str]]:
         except UsageError:
             files = [name for name in project.files if fnmatchcase(name, path)]
             if not files:
-                raise _nothing_meant(project, target, path) from None
+                raise _no_match(project, target, path) from None
         else:
-            wanted = set(tasks)
-            return [name for name in project.files if maker_of(project, name) in wanted], tasks
-    made_by = dict.fromkeys(maker_of(project, name) for name in files)
-    return files, [name for name in made_by if name is not None]
+            makers = set(tasks)
+            return [name for name in project.files if maker_of(project, name) in makers], tasks
+    distinct_makers = dict.fromkeys(maker_of(project, name) for name in files)
+    return files, [name for name in distinct_makers if name is not None]
 
 
 def maker_of(project: Project, file: str) -> str | None:
@@ -92,7 +92,7 @@ def maker_of(project: Project, file: str) -> str | None:
     return None if isinstance(source, bytes) else source[0]
 
 
-def _nothing_meant(project: Project, target: str, path: str) -> UsageError:
+def _no_match(project: Project, target: str, path: str) -> UsageError:
     if Path(target).is_file():
         hint = "another output folder is named by -o"
         return UsageError(f"no task makes {target} in the output folder {project.out}", hint=hint)

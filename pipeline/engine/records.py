@@ -48,6 +48,7 @@ class Components:
         return key_of(KEY_DOMAIN, fields_of(self))
 
     def digests(self) -> list[str]:
+        """sha256 of all outputs that the task reads."""
         return [digest for outputs in self.inputs.values() for digest in outputs.values()]
 
 

@@ -24,6 +24,7 @@ _CORE_OF = ("scipy_openblas_get_corename64_", "scipy_openblas_get_corename", "op
 
 
 _BOOT = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from {0} import {1}; {1}()"
+"""Program of a process that calls function {1} of module {0}; its first argument is our `sys.path`."""
 
 
 def command(function: str, *arguments: str) -> list[str]:
@@ -50,24 +51,26 @@ def facts(libraries: Collection[str]) -> dict[str, str]:
 
 def facts_of_workers(libraries: Collection[str]) -> dict[str, str]:
     """Facts about the processes that this one starts. They may differ if NumPy was loaded here before `pin`."""
-    return facts(libraries) if pin() or "numpy" not in libraries else _asked()
+    return facts(libraries) if pin() or "numpy" not in libraries else _facts_of_new_process()
 
 
-def tell() -> None:
+def print_facts() -> None:
     """Print all facts; entry point of the process that `facts_of_workers` starts."""
     print(json.dumps(facts({"numpy"})))
 
 
 @functools.cache
-def _asked() -> dict[str, str]:
+def _facts_of_new_process() -> dict[str, str]:
+    environment = {**os.environ, **settings()}
     done = subprocess.run(
-        command("pipeline.machine.facts:tell"), capture_output=True, check=True, env={**os.environ, **settings()}
+        command("pipeline.machine.facts:print_facts"), capture_output=True, check=True, env=environment
     )
     answer: dict[str, str] = json.loads(done.stdout)
     return answer
 
 
 def _with_settings(name: str, variables: Collection[str]) -> str:
+    """A name with those environment variables that are set, as `glibc 2.36, GLIBC_TUNABLES=…`."""
     chosen = [f"{variable}={os.environ[variable]}" for variable in variables if os.environ.get(variable)]
     return ", ".join([name, *chosen])
 
@@ -114,6 +117,7 @@ def available_bytes() -> int | None:
 
 
 def _bytes_in(path: Path, name: str) -> int | None:
+    """A figure of a file of /proc, which has lines such as `VmHWM: 1234 kB` [bytes]; None without it."""
     try:
         lines = path.read_text(encoding="ascii").splitlines()
     except OSError:

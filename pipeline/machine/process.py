@@ -78,7 +78,7 @@ def mend_streams() -> None:
     sys.stderr = Stderr()
 
 
-def require_room() -> None:
+def require_resources() -> None:
     """Raise the resource limits below which this process would crash; EnvironmentFault if it may not.
 
     The error states the command that raises a limit. A missing working directory is an error, too.
@@ -86,18 +86,22 @@ def require_room() -> None:
     try:
         os.getcwd()  # noqa: PTH109 (of the system, whatever Python thinks of it)
     except OSError as error:
-        why = f"there is no working directory: {error.strerror}"
-        raise EnvironmentFault(why, hint="it was removed, or may not be read; `cd` to another one") from None
+        message = f"there is no working directory: {error.strerror}"
+        raise EnvironmentFault(message, hint="it was removed, or may not be read; `cd` to another one") from None
     _require(resource.RLIMIT_NOFILE, FILES, "open files", f"ulimit -n {FILES * 16}")
     _require(resource.RLIMIT_AS, ADDRESSES, "bytes of address space", "ulimit -v unlimited")
 
 
-def _require(which: int, least: int, unit: str, command: str) -> None:
-    soft, hard = resource.getrlimit(which)
+def _require(limit: int, least: int, unit: str, command: str) -> None:
+    """Raise a soft limit of this process to `least`; EnvironmentFault if the hard limit forbids it.
+
+    `command` raises the hard limit.
+    """
+    soft, hard = resource.getrlimit(limit)
     if soft == resource.RLIM_INFINITY or soft >= least:
         return
     if hard != resource.RLIM_INFINITY and hard < least:
         raise EnvironmentFault(
             f"this process may have {hard:,} {unit}, and needs {least:,}", hint=f"`{command}` in the shell, before"
         )
-    resource.setrlimit(which, (least, hard))
+    resource.setrlimit(limit, (least, hard))

@@ -47,8 +47,9 @@ class Sizes(enum.Enum):
 
 @functools.cache  # records are made by the thousand, and taking an annotation apart costs more than checking a value
 def _check(hint: Any, sizes: Sizes = Sizes.USUAL) -> Callable[[Any], Any]:
-    """Converter of values to a type's stored form, or _WRONG: sequences become tuples, NumPy's numbers those of
-    Python.
+    """Converter of values to the stored form of an annotated type.
+
+    It makes sequences tuples and NumPy's numbers those of Python, and returns _WRONG for a value of another type.
     """
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in _UNIONS:
@@ -65,32 +66,35 @@ def _check(hint: Any, sizes: Sizes = Sizes.USUAL) -> Callable[[Any], Any]:
         return _int
     if hint is bool:  # also one of NumPy, whose type has one of two names by its version; nothing imports it for that
         return lambda value: bool(value) if type(value).__name__ in ("bool", "bool_") else _WRONG
-    of_type = os.PathLike if hint is Path else hint
-    return lambda value: value if isinstance(value, of_type) else _WRONG
+    accepted = os.PathLike if hint is Path else hint
+    return lambda value: value if isinstance(value, accepted) else _WRONG
 
 
 def _any(checks: list[Callable[[Any], Any]], value: Any) -> Any:
-    return next((held for check in checks if (held := check(value)) is not _WRONG), _WRONG)
+    """The value as the first of several types that it fits."""
+    return next((converted for check in checks if (converted := check(value)) is not _WRONG), _WRONG)
 
 
 def _items(check: Callable[[Any], Any], value: Any) -> Any:
     """Items of an iterable; a text counts as one value."""
-    is_one = isinstance(value, str | bytes) or hasattr(value, "tolist") or not isinstance(value, Iterable)
-    return _tuple([check], value if is_one else list(value), is_open=True)
+    is_single = isinstance(value, str | bytes) or hasattr(value, "tolist") or not isinstance(value, Iterable)
+    return _tuple([check], value if is_single else list(value), is_open=True)
 
 
 def _tuple(checks: list[Callable[[Any], Any]], value: Any, *, is_open: bool) -> Any:
-    """Items of a sequence: each of its own type, or any number of one type."""
+    """Items of a sequence: each of its own type, or, if it is open, any number of one type."""
     items = value.tolist() if hasattr(value, "tolist") else value
     if not isinstance(items, list | tuple) or not (is_open or len(items) == len(checks)):
         return _WRONG
-    held = tuple(map(checks[0], items)) if is_open else tuple(c(item) for c, item in zip(checks, items, strict=True))
-    if any(item is _WRONG for item in held):
+    checks = checks * len(items) if is_open else checks
+    converted = tuple(check(item) for check, item in zip(checks, items, strict=True))
+    if any(item is _WRONG for item in converted):
         return _WRONG
-    return value if isinstance(value, tuple) and all(map(operator.is_, held, items)) else held
+    return value if isinstance(value, tuple) and all(map(operator.is_, converted, items)) else converted
 
 
 def _float(sizes: Sizes, value: Any) -> Any:
+    """A real number of an admissible size; whole ones of Python stay int."""
     kind = type(value)
     if kind is not float and (kind is bool or not isinstance(value, numbers.Real)):
         return _WRONG
@@ -109,6 +113,7 @@ def _int(value: Any) -> Any:
 
 
 def _in_words(hint: Any, sizes: Sizes = Sizes.USUAL) -> str:
+    """An annotated type as hints for people name it."""
     origin, kinds = typing.get_origin(hint), typing.get_args(hint)
     if origin in _UNIONS:
         return " or ".join(_in_words(kind, sizes) for kind in kinds)
@@ -137,22 +142,23 @@ def settle(
     for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
         value = getattr(record, name)
         sizes = Sizes.OR_INFINITE if name in infinite else Sizes.FINITE if name in finite else Sizes.USUAL
-        held = _check(hint, sizes)(value)
-        if held is _WRONG:
+        converted = _check(hint, sizes)(value)
+        if converted is _WRONG:
             message = f"{type(record).__name__}: {name} is {reprlib.repr(value)}"
             raise error(message, hint=f"it has to be {_in_words(hint, sizes)}")
-        if held is not value:
-            object.__setattr__(record, name, held)
+        if converted is not value:
+            object.__setattr__(record, name, converted)
 
 
 def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
     """Decorate a public function so that it refuses arguments that do not fit its annotations."""
 
     def decorate(function: F) -> F:
-        signature, hints = inspect.signature(function), typing.get_type_hints(function)
+        signature = inspect.signature(function)
+        hints = typing.get_type_hints(function)
 
         @functools.wraps(function)
-        def asked(*positional: Any, **named: Any) -> Any:
+        def checked(*positional: Any, **named: Any) -> Any:
             bound = signature.bind(*positional, **named)
             for name, value in bound.arguments.items():
                 if signature.parameters[name].kind is inspect.Parameter.VAR_KEYWORD:
@@ -163,7 +169,7 @@ def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
                     raise error(message, hint=f"it has to be {_in_words(hints[name])}")
             return function(*bound.args, **bound.kwargs)
 
-        return typing.cast(F, asked)
+        return typing.cast(F, checked)
 
     return decorate
 
@@ -181,13 +187,14 @@ def integer(name: str, value: Any, error: type[PipelineError], least: int, most:
 
 
 def _within(name: str, kind: Any, value: Any, error: type[PipelineError], bounds: tuple[float, float]) -> Any:
-    held, (least, most) = _check(kind)(value), bounds
-    if held is not _WRONG and least <= held <= most:
-        return held
-    text = f", from {least:.10g} to {most:.10g}" if math.isfinite(most) else f", at least {least:g}"
-    raise error(
-        f"{name} is {reprlib.repr(value)}", hint=f"it has to be {_in_words(kind)}{text if math.isfinite(least) else ''}"
-    )
+    """A number of a kind, int or float, between two bounds."""
+    least, most = bounds
+    converted = _check(kind)(value)
+    if converted is not _WRONG and least <= converted <= most:
+        return converted
+    limits = f", from {least:.10g} to {most:.10g}" if math.isfinite(most) else f", at least {least:g}"
+    hint = f"it has to be {_in_words(kind)}{limits if math.isfinite(least) else ''}"
+    raise error(f"{name} is {reprlib.repr(value)}", hint=hint)
 
 
 def attributes_of(cls: type) -> dict[str, str]:
@@ -198,5 +205,6 @@ def attributes_of(cls: type) -> dict[str, str]:
 
 @functools.cache
 def _fields(cls: type) -> tuple[tuple[str, Any], ...]:
+    """Name and annotation of each field of a record."""
     hints = typing.get_type_hints(cls)
     return tuple((field.name, hints[field.name]) for field in dataclasses.fields(cls))

@@ -17,13 +17,13 @@ Json = dict[str, Any]
 class Shared(dict[str, Any]):
     """A plain part of many records, encoded once and never copied. Nobody may change it."""
 
-    made: bytes | None = None
+    encoded: bytes | None = None
 
-    def once(self, make: Callable[[Json], bytes]) -> bytes:
-        """Cached bytes of the dict, always made by the same function."""
-        if self.made is None:
-            self.made = make(self)
-        return self.made
+    def once(self, encode: Callable[[Json], bytes]) -> bytes:
+        """Cached bytes of the dict, always encoded by the same function."""
+        if self.encoded is None:
+            self.encoded = encode(self)
+        return self.encoded
 
 
 class ByContent:
@@ -86,7 +86,7 @@ def from_plain(kind: type[T], plain: Any) -> T:
     value = plain
     if origin is tuple:
         item_hints = args[:1] * len(plain) if args[-1] is ... else args
-        value = tuple(from_plain(h, p) for h, p in zip(item_hints, plain, strict=True))
+        value = tuple(from_plain(item_hint, item) for item_hint, item in zip(item_hints, plain, strict=True))
     elif origin is dict:
         value = {name: from_plain(args[1], item) for name, item in plain.items()}
     elif isinstance(plain, dict) and "bytes" in plain:

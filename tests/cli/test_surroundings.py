@@ -11,7 +11,7 @@ import pytest
 from pipeline.app.build import default_out
 from pipeline.errors import UsageError
 from pipeline.jit.files import cache_folder
-from pipeline.machine.process import FILES, require_room
+from pipeline.machine.process import FILES, require_resources
 
 ODD = os.fsdecode(b"b\xff")
 DEEP = "/".join(["y" * 200] * 21)
@@ -85,7 +85,7 @@ def test_a_soft_limit_is_raised_as_far_as_it_may():
     before = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (FILES - 1, before[1]))
-        require_room()
+        require_resources()
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] >= FILES
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)

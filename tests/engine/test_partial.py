@@ -37,7 +37,7 @@ def part(out, *targets, **changes):
 )
 def test_exactly_the_files_asked_for_arrive_and_no_manifest(out, target, files):
     result = part(out, target)
-    assert set(toy.contents(out)) == files == set(result.delivery.asked)
+    assert set(toy.contents(out)) == files == set(result.delivery.requested)
     assert result.exit_code == 0 and not result.delivery.finished
 
 

@@ -28,8 +28,8 @@ from pipeline.targets.target import Target
 
 _FAR_MM = 1e5
 """Distance at which a target is parked until it has poses [mm]: a hundred metres, behind no lens and inside none."""
-_WITH = {"camera": "rigs", "target": "targets"}
-"""Kinds of library parts that contain one."""
+_LIBRARY_FOLDER = {"camera": "rigs", "target": "targets"}
+"""Kinds of library parts that contain a camera or a target."""
 _CODES_PER_S = 24
 """Time codes per second in all stages that are written [1/s]."""
 _FINE = 1e4
@@ -138,29 +138,31 @@ def new_dataset(
 
 
 def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> _DatasetText:
-    cameras, board = sound(located(rig)), sound(located(target))
-    names = [entry.name for entry in cameras.cameras]
-    if not names or not board.targets:
+    """The dataset before its poses are known; UsageError if the rig has no camera, or the target file no target."""
+    rig_stage = sound(located(rig))
+    target_stage = sound(located(target))
+    names = [entry.name for entry in rig_stage.cameras]
+    if not names or not target_stage.targets:
         kind, path = ("camera", rig) if not names else ("target", target)
-        raise UsageError(f"{path} holds no {kind}", hint=f"`pipeline library {_WITH[kind]}` lists some that do")
-    if cameras.dataset:
+        raise UsageError(f"{path} holds no {kind}", hint=f"`pipeline library {_LIBRARY_FOLDER[kind]}` lists some")
+    if rig_stage.dataset:
         raise UsageError(f"{rig} is a dataset", hint="name a stage of one or more cameras without a PlenDataset")
-    only = range(len(names)) if camera is None else [chosen(rig, "camera", names, camera)]
+    numbers = range(len(names)) if camera is None else [chosen(rig, "camera", names, camera)]
     return _DatasetText(
         name=identifier(out.stem if out.stem != "dataset" else out.resolve().parent.name),
         doc="",
         rig=asset_path(rig, out),
         target=asset_path(target, out),
-        cameras=tuple("/" + cameras.cameras[number].prim_path.strip("/").partition("/")[2] for number in only),
+        cameras=tuple("/" + rig_stage.cameras[number].prim_path.strip("/").partition("/")[2] for number in numbers),
         values={},
     )
 
 
 def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
     """The cameras of a dataset before its target, in the states of its first frame."""
-    there = dataset.frames[0].camera_from_world
-    cameras = [entry for entry in dataset.cameras if entry.name in there]
-    vision_from_world = [np.array(there[entry.name]) for entry in cameras]
+    camera_from_world = dataset.frames[0].camera_from_world
+    cameras = [entry for entry in dataset.cameras if entry.name in camera_from_world]
+    vision_from_world = [np.array(camera_from_world[entry.name]) for entry in cameras]
     first_from_world = vision_from_world[0]
     target = dataset.targets[0].target
     return [
@@ -172,12 +174,14 @@ def _fields(dataset: Dataset, wish: Wish) -> list[CameraField]:
 def _held(dataset: Dataset) -> tuple[float, float]:
     """Time codes, relative to the frame's own, of the first and last instant at which a shutter is open."""
     open_s = [entry.shutter.motion_s(entry.camera.sensor.size_px) for entry in dataset.cameras if entry.shutter]
-    first, last = (_CODES_PER_S * _FINE * end(np.ravel(open_s), initial=0.0) for end in (np.min, np.max))
-    return math.floor(first) / _FINE, math.ceil(last) / _FINE
+    fractions = _CODES_PER_S * _FINE * np.ravel(open_s)
+    first = math.floor(np.min(fractions, initial=0.0))
+    last = math.ceil(np.max(fractions, initial=0.0))
+    return first / _FINE, last / _FINE
 
 
 def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[list[CameraField], list[BoardPose]]:
-    """Poses that fill the fields, with the target, scaled to the largest size that has poses if allowed."""
+    """The fields and poses that fill them; with `fit`, their target is scaled to the largest size that has poses."""
     first = fields[0]
     poses = list[BoardPose]()
     if first.wish.of > 1:
@@ -190,7 +194,7 @@ def _filled(fields: list[CameraField], tell: Callable[[str], None]) -> tuple[lis
         try:
             target = _scaled(first.target, first.scale_to_fill(share)) if fit else first.target
             fields = [dataclasses.replace(field, target=target) for field in fields]
-            for pose in poses_that_fill(fields, room=(True,) if fit else (True, False)):
+            for pose in poses_that_fill(fields, margins=(True,) if fit else (True, False)):
                 poses.append(pose)
                 if first.wish.of == 1:
                     tell(f"pose {len(poses)} of {first.wish.count}: {_comment(pose)}")
@@ -223,6 +227,7 @@ def _read(out: Path, plan: _DatasetText) -> Dataset:
 
 
 def _documentation(lines: list[str], fields: Sequence[CameraField]) -> str:
+    """Text of the stage about its poses."""
     blur = " and ".join(dict.fromkeys(f"{field.blur_px:g} px" for field in fields))
     views = [view_of(field.camera) is not field.camera for field in fields if field.camera.microlenses]
     where = "" if not views else " in views of one pixel" if all(views) else " behind microlenses"
@@ -245,6 +250,7 @@ def _scaled(target: Any, scale: float) -> Any:
 
 
 def _comment(pose: BoardPose) -> str:
+    """Position, depth, tilt and visible points of a pose in words."""
     middle = np.nanmean(pose.seen_px[0], axis=0)
     where = f"around ({middle[0]:.0f}, {middle[1]:.0f}) px, {pose.away_mm:.1f} mm away"
     return f"{where}, tilted by {pose.tilt_deg:.0f} degrees; {pose.fewest_visible} of {pose.seen_px.shape[1]} points"
@@ -252,7 +258,8 @@ def _comment(pose: BoardPose) -> str:
 
 def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardPose]) -> list[str]:
     """Lines about the coverage of the poses, and, by a plug-in, the uncertainty of a calibration by them."""
-    depths, tilts = [pose.away_mm for pose in poses], [pose.tilt_deg for pose in poses]
+    depths = [pose.away_mm for pose in poses]
+    tilts = [pose.tilt_deg for pose in poses]
     lines = [
         f"middles of the target {min(depths):.1f} to {max(depths):.1f} mm before the stop,"
         f" tilts {min(tilts):.0f} to {max(tilts):.0f} degrees"
@@ -270,12 +277,13 @@ def _summary(names: list[str], fields: Sequence[CameraField], poses: list[BoardP
 
 
 def _limit(fields: Sequence[CameraField]) -> list[str]:
-    """Limit of a calibration, and its remedy."""
+    """A line on what limits a calibration by such poses, the field of view or the depth of field, and its remedy."""
     field = min(fields, key=lambda field: field.steepest_deg)
     if field.steepest_deg >= field.wish.most_tilt_deg:
         limit = "the field of view limits that: more poses help by the root of their number"
         return [] if field.camera.microlenses else [limit]
-    (near, far), blur_px = field.depth_mm, 2 * field.blur_px
+    near, far = field.depth_mm
+    blur_px = 2 * field.blur_px
     wider = dataclasses.replace(field, wish=dataclasses.replace(field.wish, blur_px=blur_px))
     if wider.steepest_deg <= field.steepest_deg:  # no target stands farther than some times the nearest
         return [f"poses from {near:.1f} to {far:.1f} mm limit tilts to {field.steepest_deg:.0f} degrees"]
@@ -284,12 +292,13 @@ def _limit(fields: Sequence[CameraField]) -> list[str]:
     return [f"{limit}: {remedy} allows {min(wider.steepest_deg, field.wish.most_tilt_deg):.0f}"]
 
 
-def _samples(poses: Sequence[_Pose], shown: Callable[[np.ndarray], str], *, with_comments: bool = False) -> str:
+def _samples(poses: Sequence[_Pose], format_pose: Callable[[np.ndarray], str], *, with_comments: bool = False) -> str:
+    """Lines of a `timeSamples` block; a pose that is held has several samples, of which the first has the comment."""
     lines = []
     for code, held, world_from_target, comment in poses:
         remark = f"  # {comment}" if with_comments and comment else ""
         for time in sorted({code, *(round(code + away, 4) for away in held)}):
-            lines.append(f"            {time:.10g}: {shown(world_from_target)},{remark}\n")
+            lines.append(f"            {time:.10g}: {format_pose(world_from_target)},{remark}\n")
             remark = ""
     return "".join(lines)
 

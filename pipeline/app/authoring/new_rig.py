@@ -71,6 +71,7 @@ def lens_of(path: Path) -> LensEntry:
 
 
 def _lens(out: Path, wish: RigWish) -> str:
+    """The lens of the rig as a prim: a reference to its file, with another stop if asked for, or an ideal thin lens."""
     if isinstance(wish.lens, float):
         if wish.f_number is None:
             raise UsageError("a lens of a focal length alone has no stop", hint="give --f-number, too")
@@ -103,6 +104,7 @@ _THIN_LENS = """    # An ideal thin lens, as camera models have it: sharp and un
 
 
 def _text(out: Path, wish: RigWish, lens: str) -> str:
+    """The stage of a rig with this prim of its lens."""
     array = ""
     if wish.focus_mm is None:
         doc = f"A camera whose sensor is {wish.sensor_distance_mm:g} mm behind its stop."
@@ -157,6 +159,7 @@ _THIN_ARRAY = """    def PlenMicrolensArray "Microlenses"
 
 
 def _array(array: Path | MicrolensArray, out: Path) -> str:
+    """The microlens array as a prim: a reference to its file, or the numbers of a thin one."""
     if isinstance(array, Path):
         return _part("Microlenses", asset_path(array, out), "")
     focal = ", ".join(f"{length_mm:.9g}" for length_mm in array.focal_lengths_mm)

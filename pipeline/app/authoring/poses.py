@@ -46,11 +46,12 @@ infinity. Calibrations profit from a large image of the target, with microlenses
 """
 _FILLED = 0.9
 """Radius of a target over half the diagonal of the image, at its nearest [1]."""
-_TRIES = tuple(
+_RETREATS = tuple(
     (pull, lean, away) for away in (0.0, 0.5, 1.0) for lean in (1.0, 0.5, 0.0) for pull in np.linspace(1.0, 0.0, 9)
 )
-"""Attempts in order: fraction of the distance from the image centre to the drawn position, fraction of the drawn tilt,
-and fraction of the distance from the drawn depth to the farthest [1].
+"""Changes of a drawn pose that are tried in this order until it shows enough: fraction of the distance from the image
+centre to the drawn position, fraction of the drawn tilt, and fraction of the distance from the drawn depth to the
+farthest [1].
 """
 _STEEP = 0.45
 """Axial extent of a tilted target over the depth of field [1], on either side: a tenth is left for its position."""
@@ -162,19 +163,27 @@ class CameraField:
     @cached_property
     def depth_mm(self) -> tuple[float, float]:
         """Nearest and farthest distance at which the target is sharp, fits into the image and has resolved points."""
-        seen_mm = self.radius_mm * self.wish.least_seen
-        half_px = np.hypot(*(self.middle_px + 0.5))
-        near, far = self.sharp_mm(self.pupil_mm + seen_mm * self.principal_distance_px / (_FILLED * float(half_px)))
+        half_px = float(np.hypot(*(self.middle_px + 0.5)))
+        # Nearer than this the required share of the target reaches beyond `_FILLED` of the half diagonal.
+        fits_mm = self.radius_mm * self.wish.least_seen * self.principal_distance_px / (_FILLED * half_px)
+        near, far = self.sharp_mm(self.pupil_mm + fits_mm)
+        # Farther than this neighbouring points are less than `_LEAST_APART_PX` apart.
         view_px = self.principal_distance_px * self.camera.sensor.pitch_mm / view_of(self.camera).sensor.pitch_mm
-        return near, min(far, self.pupil_mm + self.nearest_mm * view_px / _LEAST_APART_PX)
+        resolved_mm = self.nearest_mm * view_px / _LEAST_APART_PX
+        return near, min(far, self.pupil_mm + resolved_mm)
 
     def sharp_mm(self, least_mm: float = 0.0) -> tuple[float, float]:
-        """Depth of field from a distance on; behind microlenses, the union over all types."""
-        sharp = foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
-        first_mm = -self.camera.prescription.vertices_from_stop_mm[0]
-        near = max(min(focus.depth_of_field_mm[0] for focus in sharp), first_mm + 1.0, least_mm)
+        """Depth of field from a distance on, at least 1 mm before the first surface; behind microlenses, the union over
+        all types.
+        """
+        depths_mm = [
+            focus.depth_of_field_mm
+            for focus in foci(dataclasses.replace(self.camera, circle_of_confusion_px=self.blur_px))
+        ]
+        first_surface_mm = -self.camera.prescription.vertices_from_stop_mm[0]
+        near = max(min(near for near, _ in depths_mm), first_surface_mm + 1.0, least_mm)
         deepest = _PLENOPTIC_DEEPEST if self.camera.microlenses else _DEEPEST
-        return near, min(max(focus.depth_of_field_mm[1] for focus in sharp), deepest * near)
+        return near, min(max(far for _, far in depths_mm), deepest * near)
 
     @property
     def steepest_deg(self) -> float:
@@ -202,21 +211,23 @@ class CameraField:
         ends[self.rig.hit_fraction(moments) < _LEAST_LIGHT] = np.nan
         return ends.reshape(ROWS, COLUMNS, 2, 3)
 
-    def place_mm(self, x_px: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
-        """Object point of an image position at a depth, (3,), interpolated between rays, and by columns the axes of the
-        plane there, (3, 3): parallel to the image, but for a wide camera across the ray; NaN where nothing passes.
+    def object_point(self, x_px: np.ndarray, z_mm: float) -> tuple[np.ndarray, np.ndarray]:
+        """Object point of an image position at a depth, (3,) [mm], vision frame, and the axes of the target's plane at
+        that point, the columns of a (3, 3): parallel to the image, but for a wide camera across the ray.
+
+        Both are interpolated bilinearly between the rays of `rays_mm`; NaN where no light passes.
         """
-        cell = (x_px + 0.5) / (2 * self.middle_px + 1) * (COLUMNS - 1, ROWS - 1)
-        at = [*cell[::-1, None, None], *np.indices((2, 3))]
-        start, end = map_coordinates(self.rays_mm, np.broadcast_arrays(*at), order=1)
+        column, row = (x_px + 0.5) / (2 * self.middle_px + 1) * (COLUMNS - 1, ROWS - 1)
+        # Both depths and all three coordinates of the grid at this row and column
+        start, end = map_coordinates(self.rays_mm, np.broadcast_arrays(row, column, *np.indices((2, 3))), order=1)
         point = start + (z_mm / self.depth_mm[0] - 1) / (_APART - 1) * (end - start)
         return point, axes_across((end - start)[None])[0].T if self.is_wide else np.eye(3)
 
-    def away_mm(self, place_mm: np.ndarray) -> float:
+    def away_mm(self, point_mm: np.ndarray) -> float:
         """Depth of a point: its vision z, or for a wide camera its distance from the entrance pupil."""
         if not self.is_wide:
-            return float(place_mm[2])
-        return self.pupil_mm + float(np.linalg.norm(place_mm - (0.0, 0.0, self.pupil_mm)))
+            return float(point_mm[2])
+        return self.pupil_mm + float(np.linalg.norm(point_mm - (0.0, 0.0, self.pupil_mm)))
 
     @cached_property
     def around_mm(self) -> float:
@@ -234,9 +245,9 @@ class CameraField:
     @cached_property
     def _chart(self) -> LinearNDInterpolator:
         """Interpolant of image positions by directions from the entrance pupil."""
-        places = self.rays_mm[:, :, 1].reshape(-1, 3)
-        lit = np.isfinite(places).all(axis=1)
-        return LinearNDInterpolator(self._angles(places[lit]), positions_px(self.camera.sensor.size_px)[lit])
+        points_mm = self.rays_mm[:, :, 1].reshape(-1, 3)
+        lit = np.isfinite(points_mm).all(axis=1)
+        return LinearNDInterpolator(self._angles(points_mm[lit]), positions_px(self.camera.sensor.size_px)[lit])
 
     def _angles(self, points_mm: np.ndarray) -> np.ndarray:
         """Directions of points from the entrance pupil, (n, 2): angles with the axis, along x and y."""
@@ -257,75 +268,97 @@ class CameraField:
         positions[images.point] = np.stack([images.x_px, images.y_px], axis=1)
         return positions
 
-    def has_room(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
+    def has_margin(self, seen_px: np.ndarray, z_mm: float) -> np.ndarray:
         """Whether the surroundings of target points at a depth are in the image as well, (n,) bool."""
-        room_px = self.around_mm * self.principal_distance_px / (z_mm - self.pupil_mm)
-        inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - room_px, axis=1)
+        margin_px = self.around_mm * self.principal_distance_px / (z_mm - self.pupil_mm)
+        inside: np.ndarray = np.all(np.abs(seen_px - self.middle_px) <= self.middle_px + 0.5 - margin_px, axis=1)
         return inside
 
 
-def poses_that_fill(fields: Sequence[CameraField], room: tuple[bool, ...] = (True, False)) -> Iterator[BoardPose]:
+def poses_that_fill(fields: Sequence[CameraField], margins: tuple[bool, ...] = (True, False)) -> Iterator[BoardPose]:
     """Poses all over the images and the depths of field of cameras, each with the visible points.
 
-    Where possible, the surroundings of points are in the image as well, or always if `room` is (True,). UsageError if
-    the target is too large to be seen from any distance.
+    Where possible, the surroundings of points are in the image as well, or always if `margins` is (True,). UsageError
+    if the target is too large to be seen from any distance.
     """
     wish = fields[0].wish
     for index, numbers in enumerate(qmc.Halton(6, scramble=True, seed=wish.seed).random(wish.of * wish.count)):
-        ways = itertools.product(room, _TRIES)
-        tries = (_tried(fields, index % len(fields), numbers, (*attempt, roomy)) for roomy, attempt in ways)
-        pose = next(filter(None, tries), None)
+        candidates = (
+            _pose(fields, index % len(fields), numbers, retreat, needs_margin=needs_margin)
+            for needs_margin, retreat in itertools.product(margins, _RETREATS)
+        )
+        pose = next(filter(None, candidates), None)
         if pose is None:
-            (near, far), radius_mm = fields[0].depth_mm, fields[0].radius_mm
-            where = f"no place between {near:.6g} and {far:.6g} mm before the camera"
-            if near >= far:
-                where = f"it fits into the image from {near:.6g} mm on but is sharp up to {far:.6g} mm only: no place"
-            other = "" if wish.fit else "take a smaller target, --fit to scale it, "
-            hint = f"{other}allow more blur with --blur, or ask for a smaller share of its points with --seen"
-            message = f"the target reaches {radius_mm:.4g} mm from its middle, and {where} shows enough of it"
-            raise UsageError(message, hint=hint)
+            raise _too_large(fields[0])
         yield pose
 
 
-def _tried(
-    fields: Sequence[CameraField], index: int, numbers: np.ndarray, attempt: tuple[float, ...]
+def _too_large(field: CameraField) -> UsageError:
+    """The error about a target that no pose shows well enough."""
+    near, far = field.depth_mm
+    finding = f"no place between {near:.6g} and {far:.6g} mm before the camera"
+    if near >= far:
+        finding = f"it fits into the image from {near:.6g} mm on but is sharp up to {far:.6g} mm only: no place"
+    smaller = "" if field.wish.fit else "take a smaller target, --fit to scale it, "
+    hint = f"{smaller}allow more blur with --blur, or ask for a smaller share of its points with --seen"
+    message = f"the target reaches {field.radius_mm:.4g} mm from its middle, and {finding} shows enough of it"
+    return UsageError(message, hint=hint)
+
+
+def _pose(
+    fields: Sequence[CameraField],
+    index: int,
+    numbers: np.ndarray,
+    retreat: tuple[float, float, float],
+    *,
+    needs_margin: bool,
 ) -> BoardPose | None:
-    """The pose for six numbers in [0, 1) in the image of a camera, by one attempt; None where it shows too little."""
-    field, (across, down, deep, tilted, about, turned), (pull, lean, away, roomy) = fields[index], numbers, attempt
-    (near, far), middle = field.depth_mm, field.middle_px
-    # Steep tilts tell the principal distance from the distance of the target.
+    """The pose drawn by six numbers in [0, 1) in the image of camera `index`, after a retreat of `_RETREATS`.
+
+    The numbers are the position of the target's middle across and down the image, its depth, the angle of its tilt, the
+    direction of the tilt's axis, and a turn about the target's normal. None if a camera sees too little of the target.
+    """
+    field = fields[index]
+    across, down, deep, tilted, axis_share, turned = numbers
+    pull, lean, away = retreat
+    near, far = field.depth_mm
+    middle = field.middle_px
+    # Between three quarters of the largest tilt and all of it: steep tilts tell the principal distance from the
+    # distance of the target.
     tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
+    # The depth is drawn where the tilted target stays sharp from its nearest to its farthest point.
     reach = field.radius_mm * math.sin(tilt)
     z = near + reach + (deep + away * (1 - deep)) * (far - near - 2 * reach)
-    centre, axes = field.place_mm(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
-    if len(fields) > 1:  # pulled towards what all cameras see
+    centre, axes = field.object_point(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
+    if len(fields) > 1:  # the pull is towards the middle of the common field
         middles = [
-            apply(field.vision_from_first @ inverse(other.vision_from_first), other.place_mm(other.middle_px, z)[0])
+            apply(field.vision_from_first @ inverse(other.vision_from_first), other.object_point(other.middle_px, z)[0])
             for other in fields
         ]
-        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.place_mm(middle, z)[0])[:2]
+        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.object_point(middle, z)[0])[:2]
     if np.isnan(centre).any() or far <= near:
         return None
+    tilt_axis = np.array([math.cos(2 * math.pi * axis_share), math.sin(2 * math.pi * axis_share), 0.0])
+    turn = Rotation.from_rotvec(tilt * tilt_axis) * Rotation.from_euler("z", 30 * (2 * turned - 1), degrees=True)
     pose = np.eye(4)
     # A target that faces the camera has its y and z axes opposite to those of vision.
-    axis = np.array([math.cos(2 * math.pi * about), math.sin(2 * math.pi * about), 0.0])
-    turn = Rotation.from_rotvec(tilt * axis) * Rotation.from_euler("z", 30 * (2 * turned - 1), degrees=True)
     pose[:3, :3] = axes @ turn.as_matrix() @ np.diag([1, -1, -1])
     pose[:3, 3] = centre
     pose = inverse(field.vision_from_first) @ pose
+    # All cameras have to see enough, first by interpolated positions, which are cheap, then by traced ones.
     positions = list[np.ndarray]()
-    for look, other in itertools.product((CameraField.roughly_px, CameraField.seen_px), fields):
+    for positions_of, other in itertools.product((CameraField.roughly_px, CameraField.seen_px), fields):
         vision_from_target = other.vision_from_first @ pose
         away_mm = other.away_mm(vision_from_target[:3, 3])
-        positions.append(look(other, vision_from_target))
-        shown = other.has_room(positions[-1], away_mm) if roomy else np.isfinite(positions[-1][:, 0])
+        seen_px = positions_of(other, vision_from_target)
+        positions.append(seen_px)
+        counts = other.has_margin(seen_px, away_mm) if needs_margin else np.isfinite(seen_px[:, 0])
         is_sharp = other is field or other.depth_mm[0] <= away_mm <= other.depth_mm[1]
-        if not is_sharp or shown.sum() < max(1, other.wish.least_seen * len(shown)):
+        if not is_sharp or counts.sum() < max(1, other.wish.least_seen * len(counts)):
             return None
-    away_mm = fields[0].away_mm(pose[:3, 3])
     return BoardPose(
         vision_from_target=pose,
-        away_mm=away_mm,
+        away_mm=fields[0].away_mm(pose[:3, 3]),
         tilt_deg=math.degrees(tilt),
         seen_px=np.array(positions[len(fields) :]),
     )

@@ -65,29 +65,30 @@ def pages_of(target: Target, name: str) -> list[PrintPage]:
 
 def paper_of(pages: list[PrintPage]) -> str:
     """Number and size of the pages, and the smallest paper that holds the largest of them."""
-    short, long = (max(side(page.width_mm, page.height_mm) for page in pages) for side in (min, max))
+    short = max(min(page.width_mm, page.height_mm) for page in pages)
+    long = max(max(page.width_mm, page.height_mm) for page in pages)
     fits = (name for name, (width, height) in _PAPERS_MM.items() if short <= width and long <= height)
     paper = next(fits, None)
-    on = f"fits {paper}" if paper else "is larger than A0: a print shop has rolls"
-    return (
-        f"{len(pages)} page{'s' * (len(pages) != 1)} of up to {long:.0f} x {short:.0f} mm, which {on}; print at 100 %"
-    )
+    verdict = f"fits {paper}" if paper else "is larger than A0: a print shop has rolls"
+    count = f"{len(pages)} page{'s' * (len(pages) != 1)}"
+    return f"{count} of up to {long:.0f} x {short:.0f} mm, which {verdict}; print at 100 %"
 
 
-def _page(drawing: Drawing, line: str) -> PrintPage:
+def _page(drawing: Drawing, caption: str) -> PrintPage:
+    """The page of a chart: from the bottom up the caption, the bar with its length, and the drawing, centred."""
     width = max(2 * drawing.half_x_mm, BAR_MM)
-    words = textwrap.wrap(line, int(width / (0.55 * _TEXT_MM)))
-    foot = len(words) * _LINE_MM + _BAR_SPACE_MM
+    lines = textwrap.wrap(caption, int(width / (0.55 * _TEXT_MM)))  # a letter is 0.55 of its height wide, in the mean
+    foot = len(lines) * _LINE_MM + _BAR_SPACE_MM
     height = 2 * drawing.half_y_mm + 2 * _MARGIN_MM + foot
-    at = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
+    centre = width / 2 + _MARGIN_MM, _MARGIN_MM + foot + drawing.half_y_mm
     paths = [
-        PrintPath(getattr(shape, "is_black", True), [_moved(outline, at) for outline in _outlines(shape)])
+        PrintPath(getattr(shape, "is_black", True), [_moved(outline, centre) for outline in _outlines(shape)])
         for shape in drawing.shapes
     ]
-    places = [(_MARGIN_MM, _MARGIN_MM + (len(words) - 1 - i) * _LINE_MM) for i in range(len(words))]
-    bottom = _MARGIN_MM + len(words) * _LINE_MM + 1.0
+    starts = [(_MARGIN_MM, _MARGIN_MM + (len(lines) - 1 - i) * _LINE_MM) for i in range(len(lines))]
+    bottom = _MARGIN_MM + len(lines) * _LINE_MM + 1.0
     length = f"{BAR_MM:g} mm", (_MARGIN_MM + 2.0, bottom + 3.0)
-    return PrintPage(width + 2 * _MARGIN_MM, height, [*paths, _bar(bottom)], [*zip(words, places, strict=True), length])
+    return PrintPage(width + 2 * _MARGIN_MM, height, [*paths, _bar(bottom)], [*zip(lines, starts, strict=True), length])
 
 
 def _bar(bottom: float) -> PrintPath:
@@ -104,6 +105,7 @@ def _bar(bottom: float) -> PrintPath:
 
 
 def _outlines(shape: Shape) -> Iterator[tuple[Point, list[Curve]]]:
+    """Closed outlines of a shape: start and curves of each."""
     if isinstance(shape, Polygon):
         yield _polygon(shape.corners)
     elif isinstance(shape, Checks):
@@ -119,6 +121,7 @@ def _polygon(corners: tuple[Point, ...]) -> tuple[Point, list[Curve]]:
 
 
 def _sectors(star: Spokes) -> Iterator[tuple[Point, list[Curve]]]:
+    """Outlines of the black sectors of a star, which end at an inner circle or in the centre."""
     centre = star.x, star.y
     for first, last in star.sectors:
         start = _on_circle(centre, star.inner, first)
@@ -139,23 +142,26 @@ def _arc(centre: Point, radius: float, first: float, last: float) -> list[Curve]
     reach = 4 / 3 * math.tan(step / 4) * radius
     curves: list[Curve] = []
     for i in range(count):
-        a, b = first + i * step, first + (i + 1) * step
-        (ax, ay), (bx, by) = _on_circle(centre, radius, a), _on_circle(centre, radius, b)
+        a = first + i * step
+        b = first + (i + 1) * step
+        ax, ay = _on_circle(centre, radius, a)
+        bx, by = _on_circle(centre, radius, b)
         leaving = ax - reach * math.sin(a), ay + reach * math.cos(a)
         arriving = bx + reach * math.sin(b), by - reach * math.cos(b)
         curves.append((leaving, arriving, (bx, by)))
     return curves
 
 
-def _moved(outline: tuple[Point, list[Curve]], by: Point) -> tuple[Point, list[Curve]]:
+def _moved(outline: tuple[Point, list[Curve]], shift_mm: Point) -> tuple[Point, list[Curve]]:
     start, curves = outline
-    shifted = [tuple((x + by[0], y + by[1]) for x, y in curve) for curve in curves]
-    return (start[0] + by[0], start[1] + by[1]), shifted
+    shifted = [tuple((x + shift_mm[0], y + shift_mm[1]) for x, y in curve) for curve in curves]
+    return (start[0] + shift_mm[0], start[1] + shift_mm[1]), shifted
 
 
 def svg(pages: list[PrintPage]) -> str:
     """The pages below one another as the text of an SVG file, one user unit per millimetre."""
-    width, height = max(page.width_mm for page in pages), sum(page.height_mm for page in pages)
+    width = max(page.width_mm for page in pages)
+    height = sum(page.height_mm for page in pages)
     items = []
     top = 0.0
     for page in pages:

@@ -19,24 +19,26 @@ def certificate_lines(cameras: dict[str, Json]) -> list[str]:
         text.append(f"certificate of {name}: {_verdict(certificate)} ({claim})")
         if not certificate["of"]:
             continue
-        edges = [(part, _distance(part)) for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
         own_error = "-" if certificate["own_sigma_px"] is None else f"{certificate['own_sigma_px']:.1e}"
-        label = f"all, by {certificate['kind']}{_kept(certificate)}; certain to {own_error} px"
-        text += [_LEGEND, *(_row(*part) for part in ((certificate, label), *(edges if len(edges) > 1 else ())))]
+        label = f"all, by {certificate['kind']}{_against_claim(certificate)}; certain to {own_error} px"
+        text += [_LEGEND, _row(certificate, label)]
+        by_distance = [part for part in certificate["by_distance_from_cell_edge"] if part["rows"]]
+        if len(by_distance) > 1:
+            text += [_row(part, _distance(part)) for part in by_distance]
     return text
 
 
 def lines_of_verdict(verdict: Json) -> list[str]:
     """Certificates, contradictions of the build, and the verdict, from the data of `verify --json`."""
     agreement = "agrees" if verdict["agrees"] else "DISAGREES"
-    open_ = [name for name, judged in verdict["cameras"].items() if str(judged["reason"]).startswith("undecided")]
-    agreement += f"; positions of {', '.join(open_)} are undecided" if open_ else ""
+    undecided = [name for name, judged in verdict["cameras"].items() if str(judged["reason"]).startswith("undecided")]
+    agreement += f"; positions of {', '.join(undecided)} are undecided" if undecided else ""
     return [*certificate_lines(verdict["cameras"]), *verdict["problems"], agreement]
 
 
 def _row(part: Json, name: str) -> str:
-    of = f"of {part['of']:<6d}" if part.get("of") else " " * 9
-    return f"  {part['rows']:4d} {of}{_figures(part)}  {name}"
+    total = f"of {part['of']:<6d}" if part.get("of") else " " * 9
+    return f"  {part['rows']:4d} {total}{_figures(part)}  {name}"
 
 
 def _distance(part: Json) -> str:
@@ -44,12 +46,14 @@ def _distance(part: Json) -> str:
     return f"{part['from_px']:g} {end} inside the edge of the cell or image"
 
 
-def _kept(part: Json) -> str:
-    if part["within_claim"] is None:
+def _against_claim(certificate: Json) -> str:
+    """Numbers of rows within the claim, beyond it, and undecided; empty without a claim."""
+    if certificate["within_claim"] is None:
         return ""
-    within, beyond = part["within_claim"], part["beyond_claim"]
-    rest = ((beyond, "beyond"), (part["rows"] - within - beyond, "undecided"))
-    return f", {within} within the claim" + "".join(f", {count} {word}" for count, word in rest if count)
+    within = certificate["within_claim"]
+    beyond = certificate["beyond_claim"]
+    counts = ((beyond, "beyond"), (certificate["rows"] - within - beyond, "undecided"))
+    return f", {within} within the claim" + "".join(f", {count} {word}" for count, word in counts if count)
 
 
 def failed(cameras: dict[str, Json] | None) -> bool:
@@ -74,7 +78,9 @@ def _figures(part: Json) -> str:
 _ROWS = 20
 """Most frames that are tabulated: of more, columns are summarised, because nobody reads so long a table."""
 _Column = tuple[str, str]
-_Seen = dict[_Column, dict[int, int]]
+"""Names of a camera and of a target."""
+_Counts = dict[_Column, dict[int, int]]
+"""Number of visible points by column and frame."""
 
 
 def point_lines(cameras: dict[str, Json]) -> list[str]:
@@ -83,37 +89,41 @@ def point_lines(cameras: dict[str, Json]) -> list[str]:
     Each camera has `of`, points per target, and `frames`, a list of {frame, rows, seen: points with a row per target}.
     """
     numbers = sorted({row["frame"] for points in cameras.values() for row in points["frames"]})
-    visible, of = dict[_Column, dict[int, int]](), dict[_Column, int]()
+    visible: _Counts = {}
+    totals = dict[_Column, int]()
     for camera, points in sorted(cameras.items()):
         for target in sorted(points["of"]):
             column = without_state(camera), target
             visible.setdefault(column, {}).update({row["frame"]: row["seen"][target] for row in points["frames"]})
-            of[column] = points["of"][target]
+            totals[column] = points["of"][target]
     if not visible or not numbers:
         return []
-    text = _table(numbers, visible, of) if len(numbers) <= _ROWS else _summary(numbers, visible, of)
+    text = _table(numbers, visible, totals) if len(numbers) <= _ROWS else _summary(numbers, visible, totals)
     return [*text, *_blank(cameras)]
 
 
-def _table(numbers: list[int], visible: _Seen, of: dict[_Column, int]) -> list[str]:
+def _table(numbers: list[int], visible: _Counts, totals: dict[_Column, int]) -> list[str]:
+    """A row per frame, with visible points of all points in each column."""
     heads = [f"{camera} {target}" for camera, target in visible]
     width = max(5, *(len(str(number)) for number in numbers))
     text = [f"  {'frame':>{width}}  {'  '.join(heads)}   (points seen)"]
     for number in numbers:
-        cells = (f"{counts[number]} of {of[key]}" if number in counts else "" for key, counts in visible.items())
+        cells = (f"{counts[number]} of {totals[key]}" if number in counts else "" for key, counts in visible.items())
         padded = (f"{cell:<{len(head)}}" for cell, head in zip(cells, heads, strict=True))
         text.append(f"  {number:>{width}}  {'  '.join(padded).rstrip()}")
     return text
 
 
-def _summary(numbers: list[int], visible: _Seen, of: dict[_Column, int]) -> list[str]:
+def _summary(numbers: list[int], visible: _Counts, totals: dict[_Column, int]) -> list[str]:
+    """A line per column: complete frames, the median, and the frame with fewest visible points."""
     text = [f"points seen in {len(numbers)} frames:"]
     for (camera, target), counts in visible.items():
         values = sorted(counts.values())
-        complete = sum(value == of[camera, target] for value in values)
+        total = totals[camera, target]
+        complete = sum(value == total for value in values)
         fewest = min(counts, key=lambda number: (counts[number], number))
         text.append(
-            f"  {camera} {target}: all {of[camera, target]} in {complete} frames; median {values[len(values) // 2]};"
+            f"  {camera} {target}: all {total} in {complete} frames; median {values[len(values) // 2]};"
             f" fewest {counts[fewest]}, in frame {fewest}"
         )
     return text
@@ -124,8 +134,8 @@ def _blank(cameras: dict[str, Json]) -> list[str]:
     for camera, points in sorted(cameras.items()):
         blank = [row["frame"] for row in points["frames"] if not row["rows"]]
         if blank:
-            which = "any frame" if len(blank) == len(points["frames"]) else frames_in_words(blank)
-            text.append(f"warning: {camera} sees no point in {which}: `pipeline check` says why")
+            frames = "any frame" if len(blank) == len(points["frames"]) else frames_in_words(blank)
+            text.append(f"warning: {camera} sees no point in {frames}: `pipeline check` says why")
     return text
 
 
@@ -138,18 +148,18 @@ def profile(tasks: Iterable[tuple[str, Json]]) -> Json:
 
     Seconds of the processor: all `cpu_seconds`, `loading_seconds` for compiled code, `other_seconds` outside kernels.
     """
-    kinds, kernels = dict[str, Json](), dict[str, Json]()
+    kinds = dict[str, Json]()
+    kernels = dict[str, Json]()
     total = loading = 0.0
     for kind, run in tasks:
-        total, loading = total + run["cpu_seconds"], loading + run["loading_seconds"]
-        rays, crossings = (
-            sum(calls.get(name, 0) for calls in run["kernels"].values()) for name in ("rays", "crossings")
-        )
-        _add(kinds, kind, {**run, "count": 1, "seconds": run["cpu_seconds"], "rays": rays, "crossings": crossings})
+        total += run["cpu_seconds"]
+        loading += run["loading_seconds"]
+        sums = {name: sum(calls.get(name, 0) for calls in run["kernels"].values()) for name in ("rays", "crossings")}
+        _add(kinds, kind, {**run, "count": 1, "seconds": run["cpu_seconds"], **sums})
         for name, calls in run["kernels"].items():
             _add(kernels, name, {**calls, "count": calls.get("calls", 0)})
-    within = sum(row["seconds"] for row in kernels.values())
-    facts = {"cpu_seconds": total, "loading_seconds": loading, "other_seconds": max(0.0, total - loading - within)}
+    in_kernels = sum(row["seconds"] for row in kernels.values())
+    facts = {"cpu_seconds": total, "loading_seconds": loading, "other_seconds": max(0.0, total - loading - in_kernels)}
     return {**facts, "kinds": _dearest_first(kinds), "kernels": _dearest_first(kernels)}
 
 
@@ -181,11 +191,13 @@ def profile_lines(costs: Json, limit_per_s: float) -> list[str]:
     return text
 
 
-def _line(row: Json, total: float, last: Callable[[Json], str]) -> str:
-    seconds, rays = row["seconds"], row["rays"]
-    figures = f"{row['name']:<18}{round(row['count']):>7,}{seconds:>10.2f}{_share(seconds, total):>8}"
-    shown = f"{rays:>10.2g}{rays / seconds:>10.2g}" if rays and seconds > 0 else f"{'':>20}"
-    return f"{figures}{shown}{last(row):>10}".rstrip()
+def _line(row: Json, total: float, last_cell: Callable[[Json], str]) -> str:
+    """A row of a table of costs, whose last cell is computed from it."""
+    seconds = row["seconds"]
+    rays = row["rays"]
+    costs = f"{row['name']:<18}{round(row['count']):>7,}{seconds:>10.2f}{_share(seconds, total):>8}"
+    speed = f"{rays:>10.2g}{rays / seconds:>10.2g}" if rays and seconds > 0 else f"{'':>20}"
+    return f"{costs}{speed}{last_cell(row):>10}".rstrip()
 
 
 def _share(seconds: float, total: float) -> str:

@@ -26,8 +26,8 @@ def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
     """A table of several point images, and a legend of its columns."""
     nyquist = 1 / (2 * pitch_mm)
     head = ("place", "position", "object", "Airy radius", "wavefront", "Strehl", "MTF", "saddle")
-    under = ("", "px", "mm", "um    px", "rms    PV", "", f"at {nyquist / 2:.0f}   at {nyquist:.0f}", "px")
-    rows = [head, under, *(_row(image, pitch_mm) for image in images)]
+    units = ("", "px", "mm", "um    px", "rms    PV", "", f"at {nyquist / 2:.0f}   at {nyquist:.0f}", "px")
+    rows = [head, units, *(_row(image, pitch_mm) for image in images)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     table = ["  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     light = f"images of points by diffraction at {images[0].wavelength_nm:.1f} nm"
@@ -65,15 +65,15 @@ def drawing(images: Sequence[tuple[str, PointImage]], title: str, pitch_mm: floa
 
     Raises UsageError: Matplotlib is not installed.
     """
-    shown = figure(_WIDTH_IN, 0.4 + _ROW_IN * len(images))
-    shown.suptitle(title, fontsize=11, x=0.01, ha="left")
-    cells = shown.subplots(len(images), 3, squeeze=False, width_ratios=(1, 1.7, 1))
+    page = figure(_WIDTH_IN, 0.4 + _ROW_IN * len(images))
+    page.suptitle(title, fontsize=11, x=0.01, ha="left")
+    cells = page.subplots(len(images), 3, squeeze=False, width_ratios=(1, 1.7, 1))
     for (light, image), (photograph, curves, words) in zip(images, cells, strict=True):
         _draw_photograph(photograph, image, pitch_mm)
         _draw_curves(curves, image, pitch_mm)
         words.axis("off")
         words.text(0, 1, "\n".join(_words(light, image, pitch_mm)), va="top", fontsize=8, linespacing=1.6)
-    return svg_of(shown)
+    return svg_of(page)
 
 
 def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
@@ -90,6 +90,7 @@ def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
 
 
 def _draw_curves(axes: Any, image: PointImage, pitch_mm: float) -> None:
+    """Modulation transfer functions, with the Nyquist frequency of the pixels."""
     for name, colour, dashes, words in _CURVES:
         axes.plot(image.per_mm, getattr(image, name), dashes, color=colour, label=words, linewidth=1.2)
     last = float(image.per_mm[-1])
@@ -104,6 +105,7 @@ def _draw_curves(axes: Any, image: PointImage, pitch_mm: float) -> None:
 
 
 def _words(light: str, image: PointImage, pitch_mm: float) -> tuple[str, ...]:
+    """Figures of an image beside its picture."""
     where = "infinity" if math.isinf(image.object_mm) else f"{image.object_mm:.1f} mm"
     return (
         f"{image.place}, ({image.x_px[0]:.1f}, {image.x_px[1]:.1f}) px",

@@ -51,8 +51,8 @@ def figures(document: Json, curves: FieldCurves) -> list[Figures]:
     if curves.boresight_px is not None:
         x, y = curves.boresight_px
         heading = "surfaces off their places: all figures but those of real rays are of the centred lens"
-        by = Figure("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray")
-        sections.append(Figures(heading=heading, rows=(by,)))
+        boresight = Figure("image of the axis moves by", f"({x:+.3f}, {y:+.3f}) px", "boresight, by the real chief ray")
+        sections.append(Figures(heading=heading, rows=(boresight,)))
     sections.append(Figures(heading="sensor", rows=(*_sensor(document), *_channels(document))))
     if "mla" in document:
         sections.append(Figures(heading="microlenses", rows=tuple(_microlenses(document))))
@@ -67,7 +67,7 @@ def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
     rows = [
         Figure("surfaces", f"{lens['surfaces']}", f"{lens['length_mm']:.3f} mm from first to last vertex"),
         Figure("indices", f"{lens['index_source']}", f"{document['wavelengths_nm'][0]:g} nm"),
-        *_own(lens),
+        *_cardinal(lens),
         Figure("focal points", f"{_mm(front)}, {_mm(rear)}", "front, rear"),
         Figure("f-number", f"{lens['f_number']:.2f}"),
     ]
@@ -77,29 +77,31 @@ def lens_page(document: Json, curves: FieldCurves | None) -> list[str]:
 
 def _channels(document: Json) -> Iterator[Figure]:
     for channel in document.get("channels", ()):
-        low, high = channel["wavelengths_nm"][0], channel["wavelengths_nm"][-1]
+        low, *_, high = channel["wavelengths_nm"]
         light = f"{channel['mean_wavelength_nm']:.1f} nm"
         remark = f"mean of {low:.1f} to {high:.1f} nm; focal length {channel['focal_length_mm']:.4f} mm"
         yield Figure(f"channel {channel['name']}", light, remark)
 
 
-def _request(asked: Json) -> str:
+def _request(request: Json) -> str:
+    """A line on the focus that the stage asks for, and what it has set."""
     wishes = []
-    if asked["focus_distance_mm"] is not None:
-        kind = "" if asked["focus_type"] is None else f" for microlens type {asked['focus_type']}"
-        distance = asked["focus_distance_mm"]
+    if request["focus_distance_mm"] is not None:
+        kind = "" if request["focus_type"] is None else f" for microlens type {request['focus_type']}"
+        distance = request["focus_distance_mm"]
         focus = "infinity" if math.isinf(distance) else f"{distance:g} mm"
-        shift = asked["group_shift_mm"]
+        shift = request["group_shift_mm"]
         effect = "sets the sensor distance"
         if shift is not None:
-            effect = f"moves {', '.join(asked['focus_groups'])} by {shift:+.4f} mm towards the sensor"
+            effect = f"moves {', '.join(request['focus_groups'])} by {shift:+.4f} mm towards the sensor"
         wishes.append(f"focus at {focus}{kind} {effect}")
-    if asked["stop_match"] != "none":
+    if request["stop_match"] != "none":
         wishes.append("a match with the microlenses sets the stop")
     return "asked for: " + "; ".join(wishes)
 
 
-def _own(lens: Json) -> Iterator[Figure]:
+def _cardinal(lens: Json) -> Iterator[Figure]:
+    """Focal length, principal planes and pupils of a lens."""
     front, rear = lens["principal_planes_mm"]
     yield Figure("effective focal length", _mm(lens["efl_mm"]))
     yield Figure("back focal distance", _mm(lens["bfd_mm"]), "from the last vertex")
@@ -113,30 +115,33 @@ def _own(lens: Json) -> Iterator[Figure]:
 def _lens(lens: Json) -> Iterator[Figure]:
     if "index_in_front" in lens:
         yield Figure("index of the medium before it", f"{lens['index_in_front']:.6g}")
-    yield from _own(lens)
+    yield from _cardinal(lens)
     yield Figure("f-number", f"{lens['f_number']:.2f}, working {lens['working_f_number']:.2f}")
-    where = "" if "matched_stop" not in lens else "without microlenses"
-    yield Figure("conjugate of the sensor", _mm(lens["focus_distance_mm"]), where)
+    remark = "" if "matched_stop" not in lens else "without microlenses"
+    yield Figure("conjugate of the sensor", _mm(lens["focus_distance_mm"]), remark)
     yield Figure("magnification there", f"{lens['magnification']:.4f}")
     if tilt := lens.get("focus_plane_tilt_deg"):
         yield Figure("plane of sharp focus", "turned by {:.3f}, {:.3f} deg".format(*tilt), "about x, about y, there")
 
 
 def _windows(lens: Json) -> Iterator[Figure]:
+    """Each window: vertices of its faces, and where they are not perpendicular to the axis or not flat their turn and
+    centres of curvature; then the pupil behind all of them.
+    """
     for window in lens["windows"]:
         faces = window["surfaces"]
         remarks = [] if faces[0]["axis"][2] == 1 else [f"turned by {_off_axis_deg(faces[0]['axis']):.3f} deg"]
-        curved = [face for face in faces if not math.isinf(face["radius_mm"])]
-        if centres := [_point([v - face["radius_mm"] * a for v, a in _along(face)]) for face in curved]:
+        if centres := [_centre(face) for face in faces if not math.isinf(face["radius_mm"])]:
             remarks.append(f"centres of its faces at {', '.join(centres)}")
         vertices = ", ".join(_point(face["vertex_mm"]) for face in faces)
         yield Figure(window["name"], f"vertices at {vertices}", "; ".join(remarks))
     yield Figure("entrance pupil behind them", _mm(lens["pupil_behind_windows_mm"]), "about which a dome is concentric")
 
 
-def _along(face: Json) -> Iterator[tuple[float, float]]:
-    """Vertex of a face and its axis towards the scene, coordinate by coordinate."""
-    return zip(face["vertex_mm"], face["axis"], strict=True)
+def _centre(face: Json) -> str:
+    """Centre of curvature of a face, whose axis points towards the scene."""
+    vertex_and_axis = zip(face["vertex_mm"], face["axis"], strict=True)
+    return _point([vertex - face["radius_mm"] * axis for vertex, axis in vertex_and_axis])
 
 
 def _off_axis_deg(axis: list[float]) -> float:
@@ -144,32 +149,34 @@ def _off_axis_deg(axis: list[float]) -> float:
     return math.degrees(math.atan2(math.hypot(x, y), z))
 
 
-def _point(place_mm: list[float]) -> str:
+def _point(point_mm: list[float]) -> str:
     """A point of the vision frame; one on the axis by its distance alone."""
-    x, y, z = place_mm
+    x, y, z = point_mm
     return f"({x:.3f}, {y:.3f}, {z:.3f}) mm" if round(x, 3) or round(y, 3) else _mm(z)
 
 
 def _sensor(document: Json) -> Iterator[Figure]:
-    (width, height), (x, y) = document["resolution"], document["optical_axis_px"]
-    across, down, diagonal = document["field_of_view_deg"]
-    pitch_um = 1000 * document["pixel_pitch_mm"]
-    (near, far), (near_plane, far_plane) = document["depth_of_field_mm"], document["near_far_mm"]
-    yield Figure("pixels", f"{width} x {height} of {pitch_um:g} µm")
+    """Sensor, projection, and depth of field of a camera."""
+    width, height = document["resolution"]
+    yield Figure("pixels", f"{width} x {height} of {1000 * document['pixel_pitch_mm']:g} µm")
     yield from _acceptance(document["pixel_acceptance"])
     yield Figure("size", "{:g} x {:g} mm".format(*document["sensor_mm"]))
     yield Figure("distance behind the stop", _mm(document["sensor_distance_mm"]))
     if tilt := document.get("sensor_tilt_deg"):
         yield Figure("tilt", "{:g}, {:g} deg".format(*tilt), "about x, about y: tauX and tauY of OpenCV")
-    principal_mm, principal_px = document["principal_distance_mm"], document["principal_distance_px"]
-    in_px = "" if math.isinf(principal_mm) else f" = {principal_px:.2f} px"
+    principal_mm = document["principal_distance_mm"]
+    in_px = "" if math.isinf(principal_mm) else f" = {document['principal_distance_px']:.2f} px"
     yield Figure("principal distance", f"{_mm(principal_mm)}{in_px}")
     yield from _pinhole(document["pinhole"])
+    x, y = document["optical_axis_px"]
     yield Figure("optical axis", f"({x:g}, {y:g}) px", "(0, 0) is the centre of the top-left pixel")
+    across, down, diagonal = document["field_of_view_deg"]
     yield Figure("field of view", f"{across:.2f} x {down:.2f} deg, diagonal {diagonal:.2f} deg", "of the light on it")
-    views = document.get("mla", {}).get("sharp_in") == "views"
-    yield Figure("depth of field", _range(near, far), "of views of one pixel, not of micro-images" if views else "")
-    yield Figure("near and far plane", f"{_mm(near_plane)}, {_mm(far_plane)}", "of J_near, J_far")
+    in_views = document.get("mla", {}).get("sharp_in") == "views"
+    remark = "of views of one pixel, not of micro-images" if in_views else ""
+    yield Figure("depth of field", _range(*document["depth_of_field_mm"]), remark)
+    near, far = document["near_far_mm"]
+    yield Figure("near and far plane", f"{_mm(near)}, {_mm(far)}", "of J_near, J_far")
 
 
 def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
@@ -180,9 +187,9 @@ def _pinhole(pinhole: Json | None) -> Iterator[Figure]:
     centre = _point(pinhole["centre_mm"])
     yield Figure("equivalent pinhole", centre, "centre of projection, fitted to real rays")
     for name, projection in (("without", pinhole), ("with", pinhole["with_distortion"])):
-        rms, most = (projection["residual_px"][kind] for kind in ("rms", "max"))
         distance = f"{projection['principal_distance_px']:.2f} px"
-        yield Figure(f"  {name} distortion", distance, f"rays lie off by {rms:.2g} px rms, {most:.2g} px at most")
+        residual = "{rms:.2g} px rms, {max:.2g} px at most".format(**projection["residual_px"])
+        yield Figure(f"  {name} distortion", distance, f"rays lie off by {residual}")
 
 
 def _acceptance(acceptance: Json) -> Iterator[Figure]:
@@ -195,12 +202,14 @@ def _acceptance(acceptance: Json) -> Iterator[Figure]:
 
 
 def _microlenses(document: Json) -> Iterator[Figure]:
-    array, lens = document["mla"], document["lens"]
+    """The array: its geometry, its micro-images, and the match of F-numbers."""
+    array = document["mla"]
     image_mm = array["micro_image_pitch_px"] * document["pixel_pitch_mm"]
     mismatch = array["f_number_mismatch"]
     yield Figure("distance to the sensor", _mm(array["distance_mm"]), f"{array['layout']} layout")
     yield Figure("microlenses", f"{array['count']} in {len(array['types'])} types", f"{array['model']} model")
-    along, across = array["pitch_mm"], array["cross_pitch_mm"]
+    along = array["pitch_mm"]
+    across = array["cross_pitch_mm"]
     yield Figure("MLA pitch", f"{_mm(along, 4)}", "" if along == across else f"{across:.5f} mm across")
     if array["aperture"] == "disc":
         yield Figure("apertures", f"discs ø {_mm(array['disc_diameter_mm'], 4)}", "opaque gaps")
@@ -216,10 +225,11 @@ def _microlenses(document: Json) -> Iterator[Figure]:
     verdict = "micro-images overlap" if mismatch < 1 else "gaps between micro-images"
     verdict = "matched" if abs(mismatch - 1) < 5e-4 else verdict
     yield Figure("F-number, lens / microlens", f"{mismatch:.4f}", verdict)
-    yield Figure("stop that would match", f"ø {_mm(lens['matched_stop_diameter_mm'], 2)}")
+    yield Figure("stop that would match", f"ø {_mm(document['lens']['matched_stop_diameter_mm'], 2)}")
 
 
 def _types(array: Json) -> Iterator[str]:
+    """A table of the microlens types."""
     columns = (
         "type",
         "f [mm]",
@@ -245,6 +255,7 @@ def _types(array: Json) -> Iterator[str]:
 
 
 def _curves(curves: FieldCurves) -> Iterator[str]:
+    """A table over the image height, and a line if the corner of the sensor is dark."""
     yield f"real rays of the main lens, without microlenses; distortion for objects at {_mm(curves.object_mm, 1)}"
     columns = ("height [mm]", "field angle [deg]", "relative illumination", "distortion [%]")
     values = zip(curves.height_mm, curves.angle_deg, curves.relative_illumination, 100 * curves.distortion, strict=True)

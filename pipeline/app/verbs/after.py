@@ -19,8 +19,9 @@ def _formats(incomplete: str) -> list[str]:
     return [f"{before}{comma}{name}" for name in names() if name.startswith(begun)]
 
 
-def _print_formats(context: typer.Context, wanted: bool) -> None:
-    if not wanted:
+def _print_formats(context: typer.Context, is_given: bool) -> None:
+    """Callback of --list: print all formats, or why one cannot be loaded, and end."""
+    if not is_given:
         return
     from pipeline.formats import ExportError, format_of, names
 
@@ -34,7 +35,7 @@ def _print_formats(context: typer.Context, wanted: bool) -> None:
     if context.params["as_json"]:
         say_json(listed)
     else:
-        say(*(f"{name:{max(map(len, listed))}}  {told}" for name, told in listed.items()))
+        say(*(f"{name:{max(map(len, listed))}}  {text}" for name, text in listed.items()))
     raise typer.Exit
 
 
@@ -81,7 +82,7 @@ def export(
     """
     from pipeline.engine.files import chosen_place
     from pipeline.exports.export import Request
-    from pipeline.exports.export import export as written
+    from pipeline.exports.export import export as write_exports
     from pipeline.exports.noise import Noise, noise_of
     from pipeline.results.output import open_output
 
@@ -89,5 +90,5 @@ def export(
     destination = folder or Path("exports") / out.absolute().name
     request = Request(only=tuple(only or ()), noise=noise_of(noise) if noise else Noise(), replace=replace)
     with chosen_place("write", destination):
-        folders = [str(path) for path in written(output, formats.split(","), destination, request)]
+        folders = [str(path) for path in write_exports(output, formats.split(","), destination, request)]
     say_json({"folders": folders}) if as_json else say("\n".join(folders))

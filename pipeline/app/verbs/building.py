@@ -119,7 +119,7 @@ def build(
     allow_root: Roots = None,
 ) -> None:
     """Run the missing tasks and fill the output folder; a second build runs nothing."""
-    from pipeline.app.pages.ending import certificate_lines, failed, point_lines
+    from pipeline.app.pages.ending import failed
     from pipeline.engine.options import BuildOptions
 
     options = BuildOptions(
@@ -149,13 +149,8 @@ def build(
             say_json({**_NOTHING, "stage": str(stage), "error": str(error)})
         raise
     _say_result(result, as_json=as_json, profile=profile)
-    is_told, is_refuted = quiet <= verbose, failed(result.certificate)
-    note(*(point_lines(result.points or {}) if is_told else ()))
-    if report and result.delivery is not None and result.asked is None:
-        page = report.write_after_build(result.out, warn=note)
-        note(*([f"report: {page}"] if page is not None and is_told else ()))
-    note(*(certificate_lines(result.certificate or {}) if is_refuted or is_told else ()))
-    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if is_refuted else Exit.DONE))
+    _note_findings(result, report, is_quiet=quiet > verbose)
+    raise typer.Exit(result.exit_code or (Exit.NOT_CONFIRMED if failed(result.certificate) else Exit.DONE))
 
 
 _NOTHING: dict[str, Any] = {
@@ -169,13 +164,29 @@ _NOTHING: dict[str, Any] = {
 }
 
 
+def _note_findings(result: Any, report: Any, *, is_quiet: bool) -> None:
+    """Write the report, if there is one, and print visible points, its page and certificates; if quiet, only those that
+    fail.
+    """
+    from pipeline.app.pages.ending import certificate_lines, failed, point_lines
+
+    if not is_quiet:
+        note(*point_lines(result.points or {}))
+    if report and result.delivery is not None and result.requested is None:
+        page = report.write_after_build(result.out, warn=note)
+        if page is not None and not is_quiet:
+            note(f"report: {page}")
+    if not is_quiet or failed(result.certificate):
+        note(*certificate_lines(result.certificate or {}))
+
+
 def _say_result(result: Any, *, as_json: bool, profile: bool) -> None:
     """Print the output folder or the requested files, or one JSON object, and the profile if requested."""
     if as_json:
         say_json({**result.to_dict(), **({"profile": _profile(result)} if profile else {})})
         return
     if result.delivery is not None:
-        say(*(result.out / file for file in (("",) if result.asked is None else result.asked)))
+        say(*(result.out / file for file in (("",) if result.requested is None else result.requested)))
     if profile:
         from pipeline.app.pages.ending import profile_lines
         from pipeline.optics.kernels import crossings_per_second
@@ -206,17 +217,18 @@ def _report() -> Any:
 
 
 def _run(stage: Path, out: Path | None, options: Any, verbosity: int, events: Path | None, report: Any) -> Any:
+    """Build a stage with progress, an event file if named, and the lines of its ending; returns the result."""
     from pipeline.app.build import build_with
     from pipeline.app.progress import Ending, display
     from pipeline.engine.events import EventFile, fan_out
 
     roots = (f"--allow-root={root}" for root in options.allow_roots)
-    again = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
+    arguments = shlex.join([str(stage), *(["-o", str(out)] if out else []), *roots])
     file = EventFile(events) if events else None
-    ending = Ending(verbosity, again)
+    ending = Ending(verbosity, arguments)
     try:
-        with display(verbosity) as shown:
-            return build_with(stage, out, options, fan_out([*filter(None, [shown, ending, file, report])]))
+        with display(verbosity) as progress:
+            return build_with(stage, out, options, fan_out([*filter(None, [progress, ending, file, report])]))
     finally:
         if file:
             file.close()
@@ -249,8 +261,8 @@ def ensemble(
         return _run(path, folder, options, -1, None, None)
 
     def together(stages: Mapping[Path, Path], options: BuildOptions) -> Any:
-        with display(0) as shown:
-            result = run_together(stages, options, shown or silent)
+        with display(0) as progress:
+            result = run_together(stages, options, progress or silent)
         note(f"{len(stages)} builds: {result.executed} tasks executed, {result.count('cached')} cached")
         return result
 

@@ -89,14 +89,14 @@ def doctor(as_json: Json = False) -> None:
     """
     from pipeline.app.doctor import findings
 
-    looked = list(findings())
-    wrong = sum(finding.state == "wrong" for finding in looked)
-    doubts = sum(finding.state == "doubt" for finding in looked)
+    rows = list(findings())
+    wrong = sum(finding.state == "wrong" for finding in rows)
+    doubts = sum(finding.state == "doubt" for finding in rows)
     if as_json:
-        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in looked]})
+        say_json({"wrong": wrong, "doubts": doubts, "findings": [finding.to_dict() for finding in rows]})
     else:
-        width = max(len(finding.name) for finding in looked)
-        for finding in looked:
+        width = max(len(finding.name) for finding in rows)
+        for finding in rows:
             say(f"{_SIGNS[finding.state]} {finding.name:<{width}}  {finding.value}")
             if finding.mend:
                 say(f"  {'':<{width}}  mend: {finding.mend}")

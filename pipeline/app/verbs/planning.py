@@ -102,7 +102,8 @@ def status(stage: Stage, out: Out = None, as_json: Json = False, allow_root: Roo
 
 def _status_lines(status: Any) -> Iterator[str]:
     """Counts in one line, then frames, each as bad as its worst file, and other files by state."""
-    frames, other_files = dict[int, str](), dict[str, str]()
+    frames = dict[int, str]()
+    other_files = dict[str, str]()
     for path, state in status.files.items():
         if path.startswith("frames/"):
             number = int(path.split("/")[1])
@@ -116,11 +117,11 @@ def _status_lines(status: Any) -> Iterator[str]:
     ]
     end = "" if status.has_manifest else "; no manifest: `pipeline build` of the whole stage finishes the folder"
     yield "; ".join(totals) + end
-    for wanted in _STATES:
-        if numbers := [number for number, state in frames.items() if state == wanted]:
-            yield f"{wanted:<8} {frames_in_words(numbers)}"
-        if wanted != "built":
-            yield from (f"{wanted:<8} {path}" for path, state in other_files.items() if state == wanted)
+    for listed_state in _STATES:
+        if numbers := [number for number, state in frames.items() if state == listed_state]:
+            yield f"{listed_state:<8} {frames_in_words(numbers)}"
+        if listed_state != "built":
+            yield from (f"{listed_state:<8} {path}" for path, state in other_files.items() if state == listed_state)
 
 
 def _with_edits(tasks: list[Any], project: Any, stage: Path) -> list[Any]:
@@ -145,7 +146,7 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
     tasks = _with_edits(plan_of(project, options), project, stage)
     if specs is not None and specs.exists() and not specs.is_dir():
         raise UsageError(f"{specs} is not a folder")
-    to_come = forecast_of(project, tasks, size, assumed_cost)
+    forecast = forecast_of(project, tasks, size, assumed_cost)
     written = None
     if specs is not None:
         with chosen_place("write", specs):
@@ -154,9 +155,9 @@ def print_plan(stage: Path, out: Path | None, options: Any, *, as_json: bool, sp
         rows = [task.to_dict() for task in tasks]
         head = {"stage": project.head.get("stage"), "out": str(project.out.absolute())}
         counts = {state: sum(task.state == state for task in tasks) for state in ("cached", "run", "maybe")}
-        say_json({**head, **counts, "forecast": to_come.to_dict(), "tasks": rows})
+        say_json({**head, **counts, "forecast": forecast.to_dict(), "tasks": rows})
     else:
-        say(*describe(tasks, to_come))
+        say(*describe(tasks, forecast))
     if written is not None:
         note(f"{len(written)} specs in {specs}")
     return any(task.state != "cached" for task in tasks)

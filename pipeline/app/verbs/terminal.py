@@ -60,6 +60,7 @@ def names_of(ctx: typer.Context, incomplete: str) -> list[str]:
 
 
 def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] | None) -> Any:
+    """The project of a stage on the command line; see `app.build.project`."""
     from pipeline.app.build import project
 
     return project(stage, out, tuple(allow_root or ()))
@@ -164,7 +165,7 @@ def say(*lines: object) -> None:
             print(for_terminals(str(line)))
 
 
-def written() -> None:
+def flush_output() -> None:
     """Flush the output; raises as `say`."""
     with _writing():
         sys.stdout.flush()

@@ -34,6 +34,7 @@ from pipeline.errors import EnvironmentFault
 Source = bytes | tuple[str, str]
 """Source of a file: its bytes, or (task name, output name)."""
 ASIDE = ".pipeline-"
+"""Beginning of the names of temporary folders in an output folder; those of a machine have its name."""
 _MANY = 3
 """Number of warnings of one kind that are shown one by one; further ones are counted."""
 _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
@@ -43,14 +44,14 @@ _ASIDE_NAME = re.compile(rf"{re.escape(ASIDE)}(?P<host>.+)-[0-9a-f]{{32}}")
 class Delivery:
     """Changes that a delivery made in the folder; paths are POSIX and relative.
 
-    `asked` lists the files that a partial delivery wrote or found; it is None after a complete one. `finished` states
-    whether the folder has a manifest now.
+    `requested` lists the files that a partial delivery wrote or left as they were; it is None after a complete one.
+    `finished` states whether the folder has a manifest now.
     """
 
     written: tuple[str, ...] = ()
     removed: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
-    asked: tuple[str, ...] | None = None
+    requested: tuple[str, ...] | None = None
     finished: bool = True
 
 
@@ -84,12 +85,12 @@ def deliver(out: Path, contents: Contents, store: Store, warn: Callable[[str], N
     # The lock in the store may work between machines; the one of the folder covers builders with other stores.
     flight = store.single_flight(name_of(out), f"fills {out}")
     with flight, locked(out, say=store.say_waiting) as alone, _disk_errors(out, entries):
-        there = manifest.read_of(out, contents.head.get("stage"))
+        old = manifest.read_of(out, contents.head.get("stage"))
         if contents.complete:
             keys = {name: record.key for name, record in contents.records.items()}
             data: bytes | None = manifest.render(contents.head, keys, entries)
         else:
-            data = there.data if all(there.files.get(path) == entry for path, entry in entries.items()) else None
+            data = old.data if all(old.files.get(path) == entry for path, entry in entries.items()) else None
         ours = OurFiles(out, store, contents.stage_id)
         ours.require_same_stage()
         folder = Folder(out, warn)
@@ -191,17 +192,15 @@ class Folder:
                 self._kept.append((target, kept))
 
     @contextlib.contextmanager
-    def saying_what_was_kept(self) -> Iterator[None]:
-        """Warn at the end, even after an error, of everything that was renamed."""
+    def warning_of_renamed(self) -> Iterator[None]:
+        """Context that warns at its end, even after an error, of everything that was renamed."""
         try:
             yield
         finally:
             for target, kept in self._kept[:_MANY]:
                 self.warn(f"{target} is not as a build delivered it; it is now {kept.name}")
-            if more := self._kept[_MANY:]:
-                self.warn(
-                    f"{len(more)} other files in {self.out} stood in the way as well; they now end in .kept1 or so"
-                )
+            if further := len(self._kept[_MANY:]):
+                self.warn(f"{further} other files in {self.out} stood in the way as well; they now end in .kept1 or so")
             self._kept.clear()
 
     def remove(self, path: str) -> None:
@@ -230,6 +229,7 @@ def _files_below(out: Path) -> Iterator[str]:
 
 
 def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
+    """Change a folder into the goal if it differs, and note its digests."""
     present = folder.present()
     data = read_regular(folder.out / manifest.NAME)
     digests = goal.digests
@@ -240,17 +240,18 @@ def _fill(folder: Folder, goal: _Goal, ours: OurFiles) -> Delivery:
     stale = [path for path in unlisted if path in ours]
     foreign = [path for path in unlisted if path not in stale]
     if foreign:
-        shown = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
-        folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {shown}")
+        names = ", ".join(foreign[:3]) + (" …" if len(foreign) > 3 else "")
+        folder.warn(f"{len(foreign)} files in {folder.out} are not of this build and stay: {names}")
     if changed or stale or data != goal.manifest:
         _change(folder, ours, goal, changed=changed, stale=stale)
     ours.keep(goal.note, complete=is_complete)
     changes = Delivery(written=tuple(changed), removed=tuple(stale), foreign=tuple(foreign))
-    return changes if is_complete else replace(changes, asked=tuple(digests), finished=goal.manifest is not None)
+    return changes if is_complete else replace(changes, requested=tuple(digests), finished=goal.manifest is not None)
 
 
 def _change(folder: Folder, ours: OurFiles, goal: _Goal, *, changed: list[str], stale: list[str]) -> None:
-    with folder.aside() as aside, folder.saying_what_was_kept():
+    """Write the changed files aside, remove the manifest and stale files, and move the changed files into place."""
+    with folder.aside() as aside, folder.warning_of_renamed():
         for number, path in enumerate(changed):
             goal.write(path, aside / str(number))
         if goal.manifest is not None:
@@ -288,17 +289,19 @@ def _disk_errors(out: Path, entries: Mapping[str, Blob]) -> Iterator[None]:
 
 
 def _entry(source: Source, records: Mapping[str, Record]) -> Blob:
+    """Digest and size of a file from its source; ValueError if its task did not make it."""
     if isinstance(source, bytes):
         return Blob(sha256=hashlib.sha256(source).hexdigest(), size=len(source))
     task, output = source
     try:
         return records[task].outputs[output]
     except KeyError:
-        made = sorted(records[task].outputs) if task in records else "nothing"
-        raise ValueError(f"task {task!r} was to make {output!r}, but made {made}") from None
+        outputs = sorted(records[task].outputs) if task in records else "nothing"
+        raise ValueError(f"task {task!r} was to make {output!r}, but made {outputs}") from None
 
 
 def _check_paths(paths: Iterable[str]) -> None:
+    """Refuse names that no delivery can have, and a file whose name is that of a folder."""
     names = set(paths)
     for path in names:
         if not manifest.is_plain_path(path) or path == manifest.NAME or path.startswith(ASIDE):

@@ -39,19 +39,26 @@ class Manifest:
 
 def read(out: Path) -> Manifest:
     """The manifest in a folder. A file that is not one of ours, or far too large, counts as none."""
-    data = read_regular(out / NAME, most=_BYTES_PER_FRAME * limits().frames)
+    data = read_regular(out / NAME, limit_bytes=_BYTES_PER_FRAME * limits().frames)
     try:
         parsed = json.loads(data or b"")
         files = {path: Blob(**entry) for path, entry in parsed["files"].items()}
         tasks = parsed["tasks"]
         sound = [DIGEST.fullmatch(blob.sha256) and type(blob.size) is int and blob.size >= 0 for blob in files.values()]
-        ours = parsed["format"] == FORMAT and all(sound) and all(map(is_plain_path, files)) and isinstance(tasks, dict)
+        has_format = parsed["format"] == FORMAT and isinstance(tasks, dict)
+        is_valid = has_format and all(sound) and all(map(is_plain_path, files))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        ours = False
-    if not ours:
+        is_valid = False
+    if not is_valid:
         return Manifest(data=data)
-    stage, points, has_pictures = parsed.get("stage"), parsed.get("points"), parsed.get("pictures") is not False
-    return Manifest(data=data, stage=stage, files=files, tasks=tasks, points=points, has_pictures=has_pictures)
+    return Manifest(
+        data=data,
+        stage=parsed.get("stage"),
+        files=files,
+        tasks=tasks,
+        points=parsed.get("points"),
+        has_pictures=parsed.get("pictures") is not False,
+    )
 
 
 def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> bytes:
@@ -64,15 +71,15 @@ def render(head: Head, tasks: dict[str, str], files: Mapping[str, Blob]) -> byte
 def read_of(out: Path, stage: Any) -> Manifest:
     """The manifest in a folder, for builds of this stage; UsageError if it holds another one, or is no folder."""
     if not (nearest := nearest_existing(out)).is_dir():
-        how = "is a file" if nearest == out.absolute() else f"would lie below the file {nearest}"
-        raise UsageError(f"the output folder {out} {how}", hint="choose another folder with -o")
-    there = read(out)
-    if there.stage is not None and there.stage != stage:
+        flaw = "is a file" if nearest == out.absolute() else f"would lie below the file {nearest}"
+        raise UsageError(f"the output folder {out} {flaw}", hint="choose another folder with -o")
+    present = read(out)
+    if present.stage is not None and present.stage != stage:
         raise UsageError(
-            f"{out} holds a build of another stage: {there.stage!r}, not {stage!r}",
+            f"{out} holds a build of another stage: {present.stage!r}, not {stage!r}",
             hint="choose another folder with -o, or delete that one",
         )
-    return there
+    return present
 
 
 def is_plain_path(path: str) -> bool:

@@ -23,7 +23,9 @@ _CLOCK_TICK_NS = 20_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Note:
-    """The stage of an output folder, `OurFiles.digests`, and signature and digest of the files that were read."""
+    """The stage of an output folder, `OurFiles.digests` (`ours`), and signature and digest of the files that were read
+    (`looks`).
+    """
 
     stage: str = ""
     ours: dict[str, list[str]] = field(default_factory=dict)
@@ -67,11 +69,11 @@ class OurFiles:
         """Digest of a file, read again only after somebody wrote to it; None if there is none."""
         target = f"{self._out}/{path}"
         try:
-            now = signature(os.lstat(target))
+            current = signature(os.lstat(target))
         except OSError:
             return None
-        if path not in self._read or self._read[path][0] != now:
-            self._read[path] = now, digest_of(target)
+        if path not in self._read or self._read[path][0] != current:
+            self._read[path] = current, digest_of(target)
         return self._read[path][1]
 
     def begin(self, digests: Mapping[str, str]) -> None:
@@ -83,10 +85,13 @@ class OurFiles:
 
     def keep(self, digests: Mapping[str, str], *, complete: bool = True) -> None:
         """Note that the folder holds these bytes; if they are not `complete`, our other files but the manifest, too."""
-        kept = {} if complete else {path: before for path, before in self.digests.items() if path != manifest.NAME}
-        self._write({**kept, **{path: [digest] for path, digest in digests.items()}})
+        present = {path: [digest] for path, digest in digests.items()}
+        if not complete:
+            present = {path: old for path, old in self.digests.items() if path != manifest.NAME} | present
+        self._write(present)
 
     def _write(self, digests: dict[str, list[str]]) -> None:
+        """Write the note with these digests, and the signatures that can be trusted later."""
         looks = {
             path: (signature, digest)
             for path, (signature, digest) in self._read.items()

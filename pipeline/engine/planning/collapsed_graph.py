@@ -10,6 +10,7 @@ from pipeline.engine.planning.plan import PlannedTask
 from pipeline.records.plain import Json
 
 _COLOURS = {"cached": "#d9ead3", "run": "#f9cb9c", "maybe": "#fff2cc"}
+"""Colour of a node by the state of its tasks: green, orange, yellow."""
 
 
 @dataclass(slots=True)
@@ -41,30 +42,31 @@ class Node:
 
 
 def overview(graph: TaskGraph, planned: Iterable[PlannedTask], *, collapse: bool = True) -> list[Node]:
-    """The nodes, sources before their readers."""
-    groups: dict[str, Node] = {}
+    """The nodes, sources before their readers; without `collapse` every task is one."""
+    nodes: dict[str, Node] = {}
     for task in planned:  # sources first
         name = _collapsed(task.name) if collapse else task.name
-        group = groups.setdefault(name, Node(name))
-        group.states[task.state] += 1
+        node = nodes.setdefault(name, Node(name))
+        node.states[task.state] += 1
         for source in graph.sources(task.name):
-            read = _collapsed(source) if collapse else source
-            if read not in group.reads and read != name:
-                group.reads.append(read)
-    return list(groups.values())
+            source_name = _collapsed(source) if collapse else source
+            if source_name not in node.reads and source_name != name:
+                node.reads.append(source_name)
+    return list(nodes.values())
 
 
-def as_mermaid(groups: list[Node]) -> Iterator[str]:
+def as_mermaid(nodes: list[Node]) -> Iterator[str]:
     """Lines of a Mermaid flow chart, which Markdown viewers draw."""
-    number = {group.name: f"n{index}" for index, group in enumerate(groups)}
+    ids = {node.name: f"n{index}" for index, node in enumerate(nodes)}
     yield "flowchart LR"
-    for group in groups:
-        name, states = (part.replace('"', "#quot;") for part in group.label)
-        yield f'    {number[group.name]}["{name}<br/>{states}"]'
-        yield f"    style {number[group.name]} fill:{group.colour}"
-    for group in groups:
-        yield from (f"    {number[read]} --> {number[group.name]}" for read in group.reads)
+    for node in nodes:
+        name, states = (part.replace('"', "#quot;") for part in node.label)
+        yield f'    {ids[node.name]}["{name}<br/>{states}"]'
+        yield f"    style {ids[node.name]} fill:{node.colour}"
+    for node in nodes:
+        yield from (f"    {ids[source]} --> {ids[node.name]}" for source in node.reads)
 
 
 def _collapsed(name: str) -> str:
+    """A name with an asterisk for every part that is a number."""
     return re.sub(r"/\d+(?=/|$)", "/*", name)

@@ -21,29 +21,30 @@ _PATHS_SHOWN = 4
 """Number of edited paths shown for tasks that are only counted."""
 
 
-def describe(planned: Iterable[PlannedTask], to_come: Forecast | None = None) -> Iterator[str]:
+def describe(planned: Iterable[PlannedTask], expected: Forecast | None = None) -> Iterator[str]:
     """Lines about a plan: counts, expected work, and the first task of each group with its reasons."""
     tasks = list(planned)
     counts = Counter(task.state for task in tasks)
     yield f"{len(tasks)} tasks: {counts['cached']} cached, {counts['run']} to run, {counts['maybe']} maybe"
-    if to_come is not None and to_come.tasks:
-        yield f"to come: {_work(to_come)}"
+    if expected is not None and expected.tasks:
+        yield f"to come: {_work(expected)}"
     work = sorted((task for task in tasks if task.state != "cached"), key=lambda task: task.state != "run")
-    for number, ((state, kind, cause), alike) in enumerate(_alike(work).items()):
+    for number, ((state, kind, cause), group) in enumerate(_groups(work).items()):
         if number >= _GROUPS_SHOWN:
-            yield f"… and {len(alike):,} more {kind} ({state}): {cause}"
+            yield f"… and {len(group):,} more {kind} ({state}): {cause}"
             continue
-        yield from describe_task(alike[0], _REASONS_SHOWN)
-        if len(alike) > 1:
-            yield f"… and {len(alike) - 1:,} more {kind} alike"
+        yield from describe_task(group[0], _REASONS_SHOWN)
+        if len(group) > 1:
+            yield f"… and {len(group) - 1:,} more {kind} alike"
 
 
-def _work(to_come: Forecast) -> str:
-    work = f"about {duration(to_come.cpu_seconds)} of processor time, {to_come.rays:.2g} rays"
-    if to_come.unknown == to_come.tasks:
+def _work(expected: Forecast) -> str:
+    """Expected time, rays and memory in words, and how they are known."""
+    work = f"about {duration(expected.cpu_seconds)} of processor time, {expected.rays:.2g} rays"
+    if expected.unknown == expected.tasks:
         return f"{work}: a guess by their number, because no task of these kinds has run here"
-    work += f", {to_come.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
-    return work + (f"; {to_come.unknown} of a kind that never ran here are guessed" if to_come.unknown else "")
+    work += f", {expected.peak_bytes / 1e9:.2g} GB in one process at most, as such tasks took before"
+    return work + (f"; {expected.unknown} of a kind that never ran here are guessed" if expected.unknown else "")
 
 
 def duration(seconds: float) -> str:
@@ -58,39 +59,40 @@ def describe_alike(planned: Iterable[PlannedTask]) -> Iterator[str]:
 
     Numbers of frames, names and old and new values may differ within such a group.
     """
-    for (_, kind, _), tasks in _alike(planned).items():
+    for (_, kind, _), tasks in _groups(planned).items():
         yield from describe_task(tasks[0])
         if len(tasks) > 1:
             yield f"… and {len(tasks) - 1:,} more {kind} alike, up to {tasks[-1].name}"
 
 
-def _alike(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[PlannedTask]]:
+def _groups(planned: Iterable[PlannedTask]) -> dict[tuple[str, str, str], list[PlannedTask]]:
+    """Tasks by state, kind and cause."""
     groups: dict[tuple[str, str, str], list[PlannedTask]] = {}
     for task in planned:
         groups.setdefault((task.state, task.kind, _cause(task)), []).append(task)
     return groups
 
 
-def describe_task(task: PlannedTask, most: int | None = None) -> Iterator[str]:
-    """Lines about one task: its name and state, then at most `most` edits and other reasons."""
+def describe_task(task: PlannedTask, limit: int | None = None) -> Iterator[str]:
+    """Lines about one task: its name and state, then its edits and other reasons, or as many as the limit allows."""
     yield f"{task.state:<6} {task.name}" + (f"  [{task.key[:12]}]" if task.key else "")
-    shown = _shown(task)
-    remaining = [str(reason) for reason in shown if reason.type is not ReasonType.UPSTREAM]
-    lines = [*_lines_of_edits(task.edits), *remaining, *_lines_of_sources(shown)]
-    yield from (f"         {line}" for line in lines[:most])
-    if most is not None and len(lines) > most:
-        yield f"         … and {len(lines) - most} more reasons (`pipeline explain` shows all)"
+    reasons = _without_edits(task)
+    texts = [str(reason) for reason in reasons if reason.type is not ReasonType.UPSTREAM]
+    lines = [*_lines_of_edits(task.edits), *texts, *_lines_of_sources(reasons)]
+    yield from (f"         {line}" for line in lines[:limit])
+    if limit is not None and len(lines) > limit:
+        yield f"         … and {len(lines) - limit} more reasons (`pipeline explain` shows all)"
 
 
 def _lines_of_edits(edits: Iterable[Edit]) -> Iterator[str]:
     """One line per edit; of many time samples of one attribute, the first few and the number of the rest."""
-    groups: dict[str, list[Edit]] = {}
+    by_subject: dict[str, list[Edit]] = {}
     for edit in edits:
-        groups.setdefault(edit.subject, []).append(edit)
-    for alike in groups.values():
-        yield from map(str, alike[:_SAMPLES_SHOWN])
-        if len(alike) > _SAMPLES_SHOWN:
-            yield f"… and {len(alike) - _SAMPLES_SHOWN:,} more time samples of {alike[0].subject}"
+        by_subject.setdefault(edit.subject, []).append(edit)
+    for subject, samples in by_subject.items():
+        yield from map(str, samples[:_SAMPLES_SHOWN])
+        if len(samples) > _SAMPLES_SHOWN:
+            yield f"… and {len(samples) - _SAMPLES_SHOWN:,} more time samples of {subject}"
 
 
 def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
@@ -103,8 +105,8 @@ def _lines_of_sources(reasons: Iterable[Reason]) -> Iterator[str]:
         yield f"{first} {f'and {len(more):,} more {kind} ' if more else ''}must run first"
 
 
-def _shown(task: PlannedTask) -> list[Reason]:
-    """Reasons that need lines of their own because no edit accounts for them."""
+def _without_edits(task: PlannedTask) -> list[Reason]:
+    """Reasons of a task that no edit accounts for, and the tasks that must run before it."""
     return [reason for reason in task.reasons if not reason.edits or reason.type is ReasonType.UPSTREAM]
 
 
@@ -113,7 +115,7 @@ def _cause(task: PlannedTask) -> str:
     edited = sorted({edit.subject for edit in task.edits})
     more = [f"… {len(edited) - _PATHS_SHOWN} more edits"] if len(edited) > _PATHS_SHOWN else []
     causes = set()
-    for reason in _shown(task):
+    for reason in _without_edits(task):
         # Elements of a list are grouped under the list.
         field = re.sub(r"(\[\d+\])+$", "", reason.field or "")
         if reason.type is ReasonType.UPSTREAM:

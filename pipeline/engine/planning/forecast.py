@@ -53,15 +53,16 @@ class Past:
 
     def cost_of(self, task: Task) -> Cost | None:
         """Estimated cost of a task; None if neither it nor its kind has ever run."""
+        kind = self.kinds.get(task.short_kind)
         last = self.store.peek(self.last_keys[task.name]) if task.name in self.last_keys else None
         if last is None or last.made_by.cpu_seconds is None:
-            return self.kinds.get(task.short_kind)
+            return kind
         run = last.made_by
-        before = self.size(task, last.components.params)
-        now = self.size(task, task.params)
-        factor = now / before if before > 0 and now > 0 else 1.0
-        alike = self.kinds.get(task.short_kind)
-        seconds = alike.cpu_seconds / alike.rays * run.rays if alike and alike.rays else _seconds([run])
+        # Time per ray is the mean of the kind: that of a single run depends on what else the machine did.
+        seconds = kind.cpu_seconds / kind.rays * run.rays if kind and kind.rays else _seconds([run])
+        size_before = self.size(task, last.components.params)
+        size_now = self.size(task, task.params)
+        factor = size_now / size_before if size_before > 0 and size_now > 0 else 1.0
         # Memory stays the same, because tiles limit it.
         return Cost(cpu_seconds=seconds * factor, rays=run.rays * factor, peak_bytes=run.peak_bytes)
 
@@ -87,18 +88,19 @@ def means_by_kind(runs: Iterable[tuple[str, Run]]) -> dict[str, Cost]:
         runs_by_kind.setdefault(kind, []).append(run)
     return {
         kind: Cost(
-            cpu_seconds=_seconds(alike),
-            rays=sum(run.rays for run in alike) / len(alike),
-            peak_bytes=max(run.peak_bytes for run in alike),
+            cpu_seconds=_seconds(its_runs),
+            rays=sum(run.rays for run in its_runs) / len(its_runs),
+            peak_bytes=max(run.peak_bytes for run in its_runs),
         )
-        for kind, alike in runs_by_kind.items()
+        for kind, its_runs in runs_by_kind.items()
     }
 
 
 def _seconds(runs: list[Run]) -> float:
     """Mean processor time of runs, without loading of code; where all runs count rays, by the median time of a ray."""
     # A busy machine takes up to three times as long for a ray, most often only for a part of a build.
-    took = [max(0.0, (run.cpu_seconds or 0.0) - run.loading_seconds) for run in runs]
+    seconds = [max(0.0, (run.cpu_seconds or 0.0) - run.loading_seconds) for run in runs]
     if all(run.rays for run in runs):
-        took = [run.rays * median(time / run.rays for time, run in zip(took, runs, strict=True)) for run in runs]
-    return fmean(took)
+        per_ray = median(time / run.rays for time, run in zip(seconds, runs, strict=True))
+        seconds = [run.rays * per_ray for run in runs]
+    return fmean(seconds)

@@ -104,11 +104,11 @@ class TaskGraph:
     def joined(cls, graphs: Mapping[str, "TaskGraph"]) -> "TaskGraph":
         """The tasks of several graphs of the same packages, each prefixed by the name of its graph."""
         joined = cls(next(iter(graphs.values())).packages)
-        for before, graph in graphs.items():
+        for prefix, graph in graphs.items():
             for task in map(graph.__getitem__, graph):
-                reads = {role: f"{before}/{source}" for role, source in task.reads.items()}
-                together = task.together and f"{before}/{task.together}"
-                joined.put(replace(task, name=f"{before}/{task.name}", reads=reads, together=together))
+                reads = {role: f"{prefix}/{source}" for role, source in task.reads.items()}
+                together = task.together and f"{prefix}/{task.together}"
+                joined.put(replace(task, name=f"{prefix}/{task.name}", reads=reads, together=together))
         return joined
 
     def __len__(self) -> int:
@@ -142,11 +142,11 @@ class TaskGraph:
 
     def up_to(self, names: Iterable[str]) -> "TaskGraph":
         """The part of the graph that the named tasks need, themselves included."""
-        wanted = set(names)
-        for name in list(wanted):
-            wanted |= nx.ancestors(self._graph, name)
+        needed = set(names)
+        for name in list(needed):
+            needed |= nx.ancestors(self._graph, name)
         part = TaskGraph(self.packages)
-        part._graph = self._graph.subgraph(wanted).copy()
+        part._graph = self._graph.subgraph(needed).copy()
         return part
 
     @property
@@ -172,11 +172,12 @@ def unpadded(name: str) -> str:
 
 
 def names_like(target: str, names: Iterable[str]) -> str:
-    """Hint for a name that matches nothing: names that begin with the same word, the most similar word, or all."""
+    """Hint for a name that matches nothing: names that contain its first word, the most similar word, or all."""
     word = target.split("/")[0]
     names = sorted(names)
     words = sorted({name.split("/")[0] for name in names})
-    alike = [name for name in names if word in name.split("/")]
-    if alike:
-        return f"there {'is' if len(alike) == 1 else 'are'} {', '.join(alike[:_MOST])}{' …' if alike[_MOST:] else ''}"
+    same_word = [name for name in names if word in name.split("/")]
+    if same_word:
+        listed = ", ".join(same_word[:_MOST]) + (" …" if len(same_word) > _MOST else "")
+        return f"there {'is' if len(same_word) == 1 else 'are'} {listed}"
     return did_you_mean(word, words) or f"`pipeline graph` shows the tasks; their names begin with {', '.join(words)}"

@@ -97,7 +97,8 @@ class Specs:
         if task.kind not in self._code:
             with cached_parsing(self._store):
                 code = code_of(task.kind, self._modules, facts_of_workers)
-            self._code[task.kind] = code, {name: canonical(value) for name, value in fields_of(code).items()}
+            encoded = {name: canonical(value) for name, value in fields_of(code).items()}
+            self._code[task.kind] = code, encoded
         code, encoded = self._code[task.kind]
         inputs = {
             role: {output: blob.sha256 for output, blob in records[source].outputs.items()}
@@ -111,8 +112,13 @@ class Specs:
 def plan(
     graph: TaskGraph, store: Store, last_keys: Mapping[str, str], *, force: Iterable[str] = ()
 ) -> list[PlannedTask]:
-    """State of every task, sources before their readers. The last keys are those of the same output folder."""
-    specs, forced = Specs(store), set(force)
+    """State of every task, sources before their readers.
+
+    `last_keys` are those of the last build into the same output folder, `force` names tasks that run in any case. A
+    task without a result makes its readers uncertain: it may write the same bytes as before.
+    """
+    specs = Specs(store)
+    forced = set(force)
     records: dict[str, Record] = {}
     planned = []
 
@@ -129,15 +135,15 @@ def plan(
             planned.append(_planned(task, "maybe", None, reasons))
             continue
         spec = specs.of(task, records)
-        kept = store.peek(spec.key)
-        record = store.complete(kept)
+        incomplete = store.peek(spec.key)
+        record = store.complete(incomplete)
         if record is not None and name not in forced:
             records[name] = record
             planned.append(_planned(task, "cached", spec, []))
             continue
         reasons = [Reason(type=ReasonType.FORCED)] if name in forced else []
         if record is None:
-            reasons += _why_missing(spec, name in last_keys, last_record(name), kept, store)
+            reasons += _why_missing(spec, name in last_keys, last_record(name), incomplete, store)
         planned.append(_planned(task, "run", spec, reasons))
     return planned
 
@@ -147,35 +153,40 @@ def _planned(task: Task, state: str, spec: Spec | None, reasons: list[Reason]) -
 
 
 def _why_missing(
-    spec: Spec, was_built: bool, last: Record | None, damaged: Record | None, store: Store
+    spec: Spec, was_built: bool, last: Record | None, incomplete: Record | None, store: Store
 ) -> list[Reason]:
-    if damaged is not None:
-        gone = [name for name, blob in damaged.outputs.items() if not store.is_whole(blob)]
-        return [Reason(type=ReasonType.MISSING, field=name) for name in gone]
+    """Reasons why the store has no result of a task: its record lacks outputs, it was never built, the record of its
+    last build is lost, or parts of its key have changed since.
+    """
+    if incomplete is not None:
+        missing = [name for name, blob in incomplete.outputs.items() if not store.is_whole(blob)]
+        return [Reason(type=ReasonType.MISSING, field=name) for name in missing]
     if not was_built:
         return [Reason(type=ReasonType.NEW)]
     if last is None:
         return [Reason(type=ReasonType.MISSING, field="record")]
-    old, new = fields_of(last.components), fields_of(spec.components)
+    old = fields_of(last.components)
+    new = fields_of(spec.components)
     if old["kind"] != new["kind"]:  # other code and libraries follow from that
         old, new = ({**parts, "code": "", "libraries": {}, "machine": {}} for parts in (old, new))
     return list(differences(old, new))
 
 
-def differences(old: Any, new: Any, where: str = "") -> Iterator[Reason]:
-    """Differing components, each with its dotted path."""
+def differences(old: Any, new: Any, path: str = "") -> Iterator[Reason]:
+    """Differing components of two plain values at a dotted path, each with its own."""
     if old == new:
         return
     if isinstance(old, dict) and isinstance(new, dict):
         for name in sorted(old.keys() | new.keys()):
-            yield from differences(old.get(name), new.get(name), f"{where}.{name}" if where else name)
+            yield from differences(old.get(name), new.get(name), f"{path}.{name}" if path else name)
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for index, (before, now) in enumerate(zip(old, new, strict=True)):
-            yield from differences(before, now, f"{where}[{index}]")
+        for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
+            yield from differences(old_item, new_item, f"{path}[{index}]")
     else:
-        yield Reason(type=ReasonType.CHANGED, field=where, old=old, new=new)
+        yield Reason(type=ReasonType.CHANGED, field=path, old=old, new=new)
 
 
 def _short(value: Any) -> str:
+    """A value as one line shows it: of a digest the beginning, of a long text the first `_LONGEST` characters."""
     text = value[:12] if isinstance(value, str) and len(value) == 64 else repr(value)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 2]} …"

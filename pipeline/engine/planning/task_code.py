@@ -57,21 +57,25 @@ def installed_version(name: str) -> str:
 
 @functools.cache
 def _distribution(module: str) -> str | None:
+    """Name of the distribution that provides a top-level module; None if it is not installed. Most bear the module's
+    name; others are found by the files that they list.
+    """
     try:
         return _normal(importlib.metadata.distribution(module).metadata["Name"])
     except importlib.metadata.PackageNotFoundError:
         pass
     spec = importlib.util.find_spec(module)
-    places = [*(spec.submodule_search_locations or ())] if spec else []
-    folder = str(Path(places[0] if places else str(spec.origin)).parent) if spec else ""
-    for distribution in importlib.metadata.distributions(path=[folder]):
-        top = (distribution.read_text("top_level.txt") or "").split()
-        if module in top or f"\n{module}/" in f"\n{distribution.read_text('RECORD') or ''}":
+    package_folders = [*(spec.submodule_search_locations or ())] if spec else []
+    site_folder = str(Path(package_folders[0] if package_folders else str(spec.origin)).parent) if spec else ""
+    for distribution in importlib.metadata.distributions(path=[site_folder]):
+        top_level = (distribution.read_text("top_level.txt") or "").split()
+        if module in top_level or f"\n{module}/" in f"\n{distribution.read_text('RECORD') or ''}":
             return _normal(distribution.metadata["Name"])
     return None
 
 
 def _normal(name: str) -> str:
+    """Name of a distribution as the packaging specification normalises it."""
     return re.sub(r"[-_.]+", "-", name).lower()
 
 
@@ -175,6 +179,7 @@ def edited(kind: str) -> list[str]:
 
 
 def _reached(kind: str, visited: Modules) -> dict[str, _Module]:
+    """The module of a kind, and all modules that it imports, by name; none without a source file."""
     reached: dict[str, _Module] = {}
     todo = [module_of(kind)]
     while todo:
@@ -193,6 +198,7 @@ def _reached(kind: str, visited: Modules) -> dict[str, _Module]:
 
 
 def _module(name: str) -> _Module | None:
+    """Facts of a module's source file; None if there is none. No package is imported."""
     # find_spec("a.b") would import a, so only the top package is looked up.
     top, *rest = name.split(".")
     spec = importlib.util.find_spec(top)
@@ -211,6 +217,7 @@ def _module(name: str) -> _Module | None:
 
 @functools.lru_cache(maxsize=4096)
 def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
+    """Facts of a source file, read again only if its time or size has changed."""
     source = Path(path).read_bytes()
     is_package = path.endswith("/__init__.py")
     key = key_of("source/v1", [name, is_package, hashlib.sha256(source).hexdigest()])
@@ -220,6 +227,7 @@ def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
 
 
 def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
+    """Facts of a module from its syntax tree, whose docstrings are dropped."""
     parent = name if is_package else name.rpartition(".")[0]
     top = name.split(".")[0]
     imports = set(_imports(tree, parent))
@@ -235,6 +243,7 @@ def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
 
 
 def _imports(tree: ast.Module, parent: str) -> Iterator[str]:
+    """Absolute names that a module imports, those of its TYPE_CHECKING blocks excepted; some may be no modules."""
     for_types = {id(node) for block in ast.walk(tree) if _is_for_types(block) for node in ast.walk(block)}
     for node in ast.walk(tree):
         if id(node) in for_types:

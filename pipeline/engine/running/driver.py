@@ -74,9 +74,16 @@ def run(
 
 
 class _Driver:
+    """The state of a run: tasks that are ready, running, and done."""
+
     def __init__(self, graph: TaskGraph, store: Store, engine: Engine, options: BuildOptions, caller: Caller) -> None:
-        self.graph, self.store, self.engine, self.options = graph, store, engine, options
-        self.on_event, self.prepare, self.folder = caller.on_event, caller.prepare, caller.folder
+        self.graph = graph
+        self.store = store
+        self.engine = engine
+        self.options = options
+        self.on_event = caller.on_event
+        self.prepare = caller.prepare
+        self.folder = caller.folder
         self.places = caller.places
         self.peaks = dict(caller.peaks)
         self.available_bytes = available_bytes()
@@ -97,16 +104,17 @@ class _Driver:
         self._broken = False  # the machine is at fault: more tasks would fail the same way
 
     def loop(self, interrupts: Interrupts) -> None:
-        there = self.outcome.records.keys()
-        self._missing = {name: len(set(self.graph.sources(name)) - there) for name in self.graph}
+        """Start ready tasks, the longest path first, and collect replies until nothing is left to run."""
+        finished = self.outcome.records.keys()
+        self._missing = {name: len(set(self.graph.sources(name)) - finished) for name in self.graph}
         for name in self.graph:
             self._queue_if_ready(name)
         while True:
-            going = not (interrupts.arrived or self._broken or (self._has_failed and not self.options.keep_going))
-            while going and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
+            goes_on = not (interrupts.arrived or self._broken or (self._has_failed and not self.options.keep_going))
+            while goes_on and self._ready and self.engine.free and self._may_start(self._ready[0][1]):
                 self._take(heapq.heappop(self._ready)[1])
             interrupts.is_patient = bool(self._running)
-            if not self._running and not (going and self._ready):
+            if not self._running and not (goes_on and self._ready):
                 return
             for reply in self.engine.wait(_TICK_S):
                 self._collect(reply)
@@ -114,6 +122,9 @@ class _Driver:
                 self._running = {name: job for name, job in self._running.items() if job[0].name not in self._waiting}
 
     def _may_start(self, name: str) -> bool:
+        """Whether a task may run beside the running ones: their peak memory has to fit, and tasks that lacked memory
+        run alone.
+        """
         if self._alone & self._running.keys() or (name in self._alone and self._running):
             return False
         # A kind that was never measured counts as 0.
@@ -121,6 +132,7 @@ class _Driver:
         return not self._running or self.available_bytes is None or needed <= self.available_bytes
 
     def finish(self) -> Outcome:
+        """The outcome, in which tasks that did not run are skipped."""
         for name in self.graph:
             if name not in self.outcome.results:
                 self._settle(TaskResult(name=name, kind=self.graph[name].short_kind, state="skipped"))
@@ -131,10 +143,11 @@ class _Driver:
             heapq.heappush(self._ready, (-self._priority[name], name))
 
     def _is_ready(self, name: str) -> bool:
-        open_yet = name not in self.outcome.results and name not in self._running
-        return open_yet and not self._missing[name]
+        is_open = name not in self.outcome.results and name not in self._running
+        return is_open and not self._missing[name]
 
     def _take(self, name: str) -> None:
+        """Hand a ready task to the engine, with tasks that share its work; nothing happens if its result exists."""
         spec = self._spec_to_run(name)
         if spec is None:
             return
@@ -143,9 +156,9 @@ class _Driver:
             self.prepare = None
         companions = [other for other in map(self._spec_to_run, self._companions(name)) if other is not None]
         job = (spec, *(other for other in companions if other.components.inputs == spec.components.inputs))
-        for each in job:
-            self._running[each.name] = job
-            self.on_event(Started(task=each.name, kind=self.graph[each.name].short_kind, key=each.key))
+        for member in job:
+            self._running[member.name] = job
+            self.on_event(Started(task=member.name, kind=self.graph[member.name].short_kind, key=member.key))
         self.engine.submit(job)
 
     def _companions(self, name: str) -> list[str]:
@@ -155,9 +168,10 @@ class _Driver:
         if together is None or is_timed or name in self._separately:
             return []
         ready = {other for _, other in self._ready if self._is_ready(other)} - {name}
-        alike = sorted(other for other in ready - self._separately if self.graph[other].together == together)
-        idle = max(1, self.engine.free - (len(ready) - len(alike)))
-        return alike[: min(MAX_COMPANY, math.ceil((1 + len(alike)) / idle)) - 1]
+        candidates = sorted(other for other in ready - self._separately if self.graph[other].together == together)
+        # Workers that the other ready tasks leave free share this task and its candidates evenly.
+        idle = max(1, self.engine.free - (len(ready) - len(candidates)))
+        return candidates[: min(MAX_COMPANY, math.ceil((1 + len(candidates)) / idle)) - 1]
 
     def _spec_to_run(self, name: str) -> Spec | None:
         """The spec of a task that has to run; None if its result exists, and the task is then settled."""
@@ -173,6 +187,7 @@ class _Driver:
         return replace(spec, folder=folder, force=name in self._forced)
 
     def _collect(self, reply: Reply) -> None:
+        """Act on a reply: note its state, retry the task, or record its end."""
         for text in reply.warnings:
             self.on_event(Warned(text=text))
         name = reply.name
@@ -204,6 +219,7 @@ class _Driver:
         self._queue_if_ready(name)
 
     def _finish(self, spec: Spec, reply: Reply) -> None:
+        """Record the end of a task that ran or failed for good."""
         self._broken = self._broken or reply.machine
         result = TaskResult(
             name=spec.name,
@@ -214,11 +230,12 @@ class _Driver:
             differs=reply.differs,
         )
         if reply.state == "failed":
-            _, _, rest = spec.name.partition("/")
-            # A fault of the machine has no place in the stage.
-            place = None if reply.machine else self.places.get(rest.split("/")[0])
+            _, _, subject = spec.name.partition("/")
+            # A fault of the machine has no location in the stage.
+            location = None if reply.machine else self.places.get(subject.split("/")[0])
             repeat = self.store.keep_spec(replace(spec, force=False))
-            result = replace(result, error=reply.error, log=reply.log, machine=reply.machine, place=place, spec=repeat)
+            result = replace(result, error=reply.error, log=reply.log, machine=reply.machine)
+            result = replace(result, place=location, spec=repeat)
         elif reply.state == "executed" and reply.record is not None:
             self.peaks[result.kind] = max(self.peaks.get(result.kind, 0), reply.record.made_by.peak_bytes)
         self._settle(result, reply.record)
@@ -243,6 +260,7 @@ class _Driver:
         return self._failures[reply.name] <= self.options.retries and not reply.machine
 
     def _settle(self, result: TaskResult, record: Record | None = None) -> None:
+        """Record the result of a task, and queue the tasks that waited for it alone."""
         if record is not None:
             result = replace(result, made_by=record.made_by)
         self._has_failed = self._has_failed or result.state == "failed"

@@ -70,6 +70,8 @@ class Inline:
 
 @dataclass(slots=True, eq=False)
 class _Worker:
+    """A worker process and its job."""
+
     process: "subprocess.Popen[bytes]"
     job: Job = ()
     since: float | None = None  # when its task began; None while another builder has the task
@@ -84,7 +86,10 @@ class Processes:
     """
 
     def __init__(self, store: Store, packages: tuple[str, ...], jobs: int, *, timeout_s: float | None = None) -> None:
-        self._store, self._packages, self._jobs, self._timeout_s = store, packages, jobs, timeout_s
+        self._store = store
+        self._packages = packages
+        self._jobs = jobs
+        self._timeout_s = timeout_s
         self._workers: list[_Worker] = []
         self._ready = selectors.DefaultSelector()
 
@@ -109,11 +114,11 @@ class Processes:
             worker.received += data
             *lines, worker.received = worker.received.split(b"\n")
             for line in lines:
-                arrived = [from_plain(Reply, plain) for plain in json.loads(line)]
-                replies += arrived
-                if arrived[0].state == "begun":
+                of_job = [from_plain(Reply, plain) for plain in json.loads(line)]
+                replies += of_job
+                if of_job[0].state == "begun":
                     worker.since = time.monotonic()
-                elif arrived[0].state != "waiting":
+                elif of_job[0].state != "waiting":
                     worker.job = ()
             if not data:
                 replies += self._worker_died(worker)
@@ -141,6 +146,7 @@ class Processes:
             self._forget(worker)
 
     def _start(self) -> _Worker:
+        """Start a worker and tell it the store and the packages."""
         process = subprocess.Popen(
             command("pipeline.engine.running.engines:serve"),
             stdin=subprocess.PIPE,
@@ -164,14 +170,15 @@ class Processes:
             worker.process.stdin.flush()
 
     def _worker_died(self, worker: _Worker) -> list[Reply]:
+        """Replies for the tasks of a worker that has ended."""
         status = worker.process.wait()
         self._forget(worker)
-        how = signal.Signals(-status).name if status < 0 else f"exit code {status}"
-        text = f"its worker process died by {how}"
-        is_killed = status == -signal.SIGKILL
-        return [lost(spec, text, memory=is_killed) for spec in worker.job]
+        cause = signal.Signals(-status).name if status < 0 else f"exit code {status}"
+        is_killed = status == -signal.SIGKILL  # as the system does when memory is short
+        return [lost(spec, f"its worker process died by {cause}", memory=is_killed) for spec in worker.job]
 
     def _forget(self, worker: _Worker) -> None:
+        """Remove a worker that was killed or has ended."""
         assert worker.process.stdin is not None and worker.process.stdout is not None
         self._workers.remove(worker)
         self._ready.unregister(worker.process.stdout)
@@ -187,7 +194,8 @@ def serve() -> None:
     A pool of the standard library would import the driver's main module again (with typer and the rest), send pickles,
     and fail all waiting tasks when one worker dies.
     """
-    requests, replies = os.dup(0), os.dup(1)
+    requests = os.dup(0)
+    replies = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)  # output to descriptor 1 must not mix with the replies
     faulthandler.enable()
@@ -218,6 +226,7 @@ def _send(handle: int, replies: list[Reply]) -> None:
 
 
 def _listen(handle: int, lines: "queue.SimpleQueue[bytes]") -> None:
+    """Put the lines of the driver into a queue, and end this process when there are no more."""
     with os.fdopen(handle, "rb") as stream:
         for line in stream:
             lines.put(line)

@@ -30,6 +30,7 @@ from pipeline.machine.processor import settings
 from pipeline.records.plain import from_plain
 
 _logs = threading.Lock()
+"""Held by the task whose output goes to its log: threads of a process share its streams."""
 _LINES = 12
 """Most lines of an error message in the reply of a failed task."""
 _REPORT = "this is a bug of ours: please report it with the log and your stage"
@@ -52,35 +53,38 @@ def perform(
         return [_failure(specs[0], error, store, start)]
 
 
-def failed(spec: Spec, how: str, store: Store, seconds: float = 0.0, *, machine: bool = False) -> Reply:
+def failed(spec: Spec, reason: str, store: Store, seconds: float = 0.0, *, machine: bool = False) -> Reply:
     """The reply for a task that was ended from outside: its worker died or its time limit was reached."""
-    log = _append(store.file_for("log", spec.key), f"{how}\n")
-    return Reply(name=spec.name, state="failed", error=how, log=log, seconds=round(seconds, 4), machine=machine)
+    log = _append(store.file_for("log", spec.key), f"{reason}\n")
+    return Reply(name=spec.name, state="failed", error=reason, log=log, seconds=round(seconds, 4), machine=machine)
 
 
-def lost(spec: Spec, how: str, *, memory: bool = False) -> Reply:
+def lost(spec: Spec, reason: str, *, memory: bool = False) -> Reply:
     """The reply for a task whose worker died; the driver decides whether it gets another one."""
-    return Reply(name=spec.name, state="lost", error=how, memory=memory)
+    return Reply(name=spec.name, state="lost", error=reason, memory=memory)
 
 
 def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], begin: Callable[[], None]) -> list[Reply]:
+    """Replies of tasks: from the store, or computed while their keys are locked. Tasks with the same key share one
+    result.
+    """
     start = time.perf_counter()
     replies = dict[str, Reply]()
-    firsts = {spec.key: spec for spec in reversed(specs)}  # frames that are alike have one key
+    firsts = {spec.key: spec for spec in reversed(specs)}  # equal frames have one key
     with contextlib.ExitStack() as locks:
         # Always in the same order, so that two builders cannot wait for each other for ever.
         for key, spec in sorted(firsts.items()):
             locks.enter_context(store.single_flight(key, f"makes {spec.name}"))
         begin()
-        for key, spec in firsts.items():  # another builder may have made it meanwhile
+        for key, spec in firsts.items():  # another builder may have computed it meanwhile
             if not spec.force and (record := store.record(key)) is not None:
                 replies[key] = Reply(name=spec.name, state="cached", record=record)
         todo = [spec for spec in specs if firsts[spec.key] is spec and spec.key not in replies]
         if todo:
             with _logging(store.file_for("log", todo[0].key), store):
-                made = _compute(todo, store, packages)
+                computed = _compute(todo, store, packages)
             seconds = round((time.perf_counter() - start) / len(todo), 4)
-            replies |= {spec.key: replace(reply, seconds=seconds) for spec, reply in zip(todo, made, strict=True)}
+            replies |= {spec.key: replace(reply, seconds=seconds) for spec, reply in zip(todo, computed, strict=True)}
     return [
         replies[spec.key]
         if firsts[spec.key] is spec
@@ -90,6 +94,7 @@ def _results(specs: Sequence[Spec], store: Store, packages: tuple[str, ...], beg
 
 
 def _failure(spec: Spec, error: BaseException, store: Store, start: float) -> Reply:
+    """The reply for a task that raised an error, which goes to its log."""
     is_expected = isinstance(error, EnvironmentFault | DamagedBlob)
     text = f"{error}\n" if is_expected else "".join(traceback.format_exception(error))
     return Reply(
@@ -122,9 +127,9 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
     check_kind(kind, packages)
     _refuse_other_code(components, store)
     folder = specs[0].folder
-    read = {digest: store.verified(digest) for digest in ([] if folder else components.digests())}
+    blobs = {digest: store.verified(digest) for digest in ([] if folder else components.digests())}
     inputs = {
-        role: {name: read[digest].path for name, digest in outputs.items()}
+        role: {name: blobs[digest].path for name, digest in outputs.items()}
         for role, outputs in components.inputs.items()
         if not folder
     }
@@ -132,8 +137,8 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         outs = [folders.enter_context(_folder_for_outputs(store)) for _ in specs]
         reset_peak()
         start = time.perf_counter()
-        cpu_s = time.process_time()
-        before = work().copy()
+        start_cpu_s = time.process_time()
+        work_before = work().copy()
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]
@@ -142,26 +147,29 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         record = run.__annotations__.get("params", Any)
         if typing.get_origin(record) is Sequence:  # it takes tasks in company
             (record,) = typing.get_args(record)
-            run([from_plain(record, each) for each in plain], inputs, outs)
+            run([from_plain(record, params) for params in plain], inputs, outs)
         else:
             run(from_plain(record, plain[0]), Path(folder) if folder else inputs, outs[0])
         _refuse_edited_code(kind)
-        store.confirm(read.values())  # the task has read the verified bytes
+        store.confirm(blobs.values())  # the task has read the verified bytes
         made_by = Run(
             seconds=round((time.perf_counter() - start) / count, 4),
-            cpu_seconds=round((time.process_time() - cpu_s) / count, 4),
+            cpu_seconds=round((time.process_time() - start_cpu_s) / count, 4),
             peak_bytes=peak_bytes(),
             news=work().news,
             warning=work().warning,
             host=socket.gethostname(),
             pid=os.getpid(),
             when=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            **work().since(before).to_plain(1 / count),
+            **work().since(work_before).to_plain(1 / count),
         )
         return [_keep(spec, out, made_by, store) for spec, out in zip(specs, outs, strict=True)]
 
 
 def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> Reply:
+    """Store the files of a task and its record. If its key has a record already, that one stays, and outputs that
+    differ are named.
+    """
     outputs = {}
     for path in sorted(out.rglob("*")):
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
@@ -169,10 +177,10 @@ def _keep(spec: Spec, out: Path, made_by: Run, store: Store) -> Reply:
         if path.is_file():
             outputs[path.relative_to(out).as_posix()] = store.put_file(path)
     record = Record(key=spec.key, outputs=outputs, components=spec.components, made_by=made_by)
-    kept = store.put_record(record)
-    names = sorted(outputs.keys() | kept.outputs.keys())
-    differs = tuple(name for name in names if outputs.get(name) != kept.outputs.get(name))
-    return Reply(name=spec.name, state="executed", record=kept, differs=differs)
+    stored = store.put_record(record)
+    names = sorted(outputs.keys() | stored.outputs.keys())
+    differs = tuple(name for name in names if outputs.get(name) != stored.outputs.get(name))
+    return Reply(name=spec.name, state="executed", record=stored, differs=differs)
 
 
 def _refuse_other_code(components: Components, store: Store) -> None:
@@ -184,13 +192,14 @@ def _refuse_other_code(components: Components, store: Store) -> None:
     with cached_parsing(store):
         present = code_of(kind)
     for part in ("code", "libraries", "machine"):
-        value, stated = getattr(present, part), getattr(components, part)
+        value = getattr(present, part)
+        stated = getattr(components, part)
         if value != stated:
             hint = "if the code was edited meanwhile, build again; else give all machines the same versions"
             if part == "machine":
                 kernels = settings().get("OPENBLAS_CORETYPE")
-                set_before = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
-                hint = f"last digits would differ: use machines of one level, system and environment{set_before}"
+                setting = f", started with OPENBLAS_CORETYPE={kernels}" if kernels else ""
+                hint = f"last digits would differ: use machines of one level, system and environment{setting}"
             message = f"{kind}: this process cannot make what the key says: {part} is {_changed(stated, value)}"
             raise EnvironmentFault(message, hint=hint)
     _refuse_edited_code(kind)
@@ -206,6 +215,7 @@ def _refuse_edited_code(kind: str) -> None:
 
 
 def _changed(old: Any, new: Any) -> str:
+    """Differences of two facts in words: names and versions, or the beginnings of two digests."""
     if isinstance(old, dict) and isinstance(new, dict):
         names = [name for name in sorted(old.keys() | new.keys()) if old.get(name) != new.get(name)]
         return ", ".join(f"{name} {new.get(name)}, not {old.get(name)}" for name in names)

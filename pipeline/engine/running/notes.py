@@ -28,13 +28,13 @@ class _Sources:
     """The distinct sources of a project, and for each task the index of the source that it was last built from."""
 
     sources: tuple[Any, ...] = ()
-    of: dict[str, int] = field(default_factory=dict)
+    index_by_task: dict[str, int] = field(default_factory=dict)
 
 
 def history_of(project: Project, store: Store) -> History:
     """History of the builds of this stage into this folder; empty if there is none."""
-    kept = store.read_record(History, "history", _name(project))
-    return kept or History(out=os.path.realpath(project.out), stage=project.stage_id)
+    history = store.read_record(History, "history", _name(project))
+    return history or History(out=os.path.realpath(project.out), stage=project.stage_id)
 
 
 def costs_of_others(project: Project, store: Store) -> list[dict[str, Cost]]:
@@ -69,34 +69,38 @@ def keep_history(project: Project, store: Store, outcome: Outcome, before: Histo
 def sources_of(project: Project, *, store: Store | None = None) -> Mapping[str, Any]:
     """Source of the project at the last build of each task, by task name; under "" that of the last build."""
     note = (store or Store()).read_record(_Sources, "sources", _name(project)) or _Sources()
-    return {name: note.sources[number] for name, number in note.of.items()}
+    return {name: note.sources[index] for name, index in note.index_by_task.items()}
 
 
 def _keep_source(project: Project, store: Store, finished: Iterable[str]) -> None:
     """Keep the source of the project for the finished tasks, and older sources while tasks refer to them."""
     before = sources_of(project, store=store)
-    of = {name: source for name, source in before.items() if name in project.graph}
-    of |= dict.fromkeys([*finished, ""], project.source)
-    if of == before:
+    by_task = {name: source for name, source in before.items() if name in project.graph}
+    by_task |= dict.fromkeys([*finished, ""], project.source)
+    if by_task == before:
         return
     sources = list[Any]()
-    numbers = dict[int, int]()
-    for source in {id(source): source for source in of.values()}.values():  # thousands of tasks have the same one
-        sources += [] if source in sources else [source]
-        numbers[id(source)] = sources.index(source)
-    note = _Sources(sources=tuple(sources), of={name: numbers[id(source)] for name, source in of.items()})
-    store.write_note("sources", _name(project), note)
+    index_by_id = dict[int, int]()  # thousands of tasks have the same object, which is compared once
+    for source in {id(source): source for source in by_task.values()}.values():
+        if source not in sources:
+            sources.append(source)
+        index_by_id[id(source)] = sources.index(source)
+    index_by_task = {name: index_by_id[id(source)] for name, source in by_task.items()}
+    store.write_note("sources", _name(project), _Sources(sources=tuple(sources), index_by_task=index_by_task))
 
 
 def logs_of(project: Project, target: str) -> list[TaskResult]:
     """Ends of the last runs of the tasks that match a target, with the log if it has any text, and the run recorded."""
-    store, ends = Store(), list[TaskResult]()
-    keys, ended = history_of(project, store).keys, _ended(project, store)
+    store = Store()
+    keys = history_of(project, store).keys
+    ended = _ended(project, store)
+    ends = list[TaskResult]()
     for name in tasks_of(project, target):
         state = "built" if name in keys else "never built"
         unrecorded = TaskResult(name=name, kind=project.graph[name].short_kind, state=state, key=keys.get(name))
         end = ended.get(name, unrecorded)
-        record, log = (store.peek(end.key), store.path("log", end.key)) if end.key else (None, None)
+        record = store.peek(end.key) if end.key else None
+        log = store.path("log", end.key) if end.key else None
         has_text = log is not None and log.is_file()
         ends.append(replace(end, log=str(log) if has_text else None, made_by=record.made_by if record else None))
     return ends
@@ -108,5 +112,5 @@ def _ended(project: Project, store: Store) -> dict[str, TaskResult]:
 
 
 def _name(project: Project) -> str:
-    # realpath, because one folder may have two names
+    """Name of the notes about the builds of a stage into a folder, which may have two paths."""
     return key_of("history/v1", [os.path.realpath(project.out), project.stage_id])

@@ -85,9 +85,9 @@ class Result:
         return "only results in the store were asked for; `pipeline build STAGE FILE` delivers a file"
 
     @property
-    def asked(self) -> tuple[str, ...] | None:
+    def requested(self) -> tuple[str, ...] | None:
         """Files of a partial delivery; None if the delivery was complete, or did not happen."""
-        return self.delivery.asked if self.delivery is not None else None
+        return self.delivery.requested if self.delivery is not None else None
 
     @property
     def is_finished(self) -> bool:
@@ -100,8 +100,8 @@ class Result:
         head = {"stage": self.stage, "out": str(self.out), **counts, "seconds": round(self.seconds, 3)}
         facts = {**head, "certificate": self.certificate, "points": self.points}
         facts["tasks"] = [task.to_dict() for task in self.tasks]
-        if self.asked is not None:
-            facts["files"] = list(self.asked)
+        if self.requested is not None:
+            facts["files"] = list(self.requested)
         return facts if self.error is None else {**facts, "error": str(self.error)}
 
 

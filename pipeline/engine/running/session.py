@@ -71,7 +71,7 @@ def build(
                 use.enter_context(store.in_use())
             work.compute(forced)
             with interrupts.stopping():
-                work.hand_over()
+                work.deliver()
             work.finish(forced)
         work.outcome.interrupted = interrupts.arrived
         store.sweep()  # ended workers could not tidy up
@@ -84,8 +84,9 @@ def build(
 class _Build:
     """A running build: its tasks, their results and the delivery.
 
-    Tasks `after` delivery read the output folder. The first delivery has the files of all other tasks, and of those
-    whose results are in the store; a second one adds the files of the rest.
+    The graph consists of the tasks `before` delivery, and of those `after` it, which read the output folder. The first
+    delivery has the files of the former, and those of the latter whose results are in the store (`existing`); a second
+    one adds the files of the rest. `head` are the facts of the manifest.
     """
 
     project: Project
@@ -100,7 +101,8 @@ class _Build:
     def __post_init__(self) -> None:
         self.warn = cache(warner(self.caller.on_event))
         self.history = history_of(self.project, self.store)
-        self.head, self.before = self.project.head, self.graph.before_delivery
+        self.head = self.project.head
+        self.before = self.graph.before_delivery
         self.after = [name for name in self.graph if name not in self.before]
         self.is_complete = len(self.graph) == len(self.project.graph)
         self.existing = dict[str, Record]()
@@ -113,33 +115,33 @@ class _Build:
         if self.options.check_percent and not self.outcome.interrupted:
             done = sorted(self.outcome.records)
             count = min(len(done), max(1, math.ceil(len(done) * self.options.check_percent / 100)))
-            again = self._run(random.SystemRandom().sample(done, count))  # others every time
-            self.outcome.checked = tuple(sorted(again.ran))
-            self.outcome.interrupted = again.interrupted
-            bad = {name: task for name, task in again.ran.items() if task.state == "failed" or task.differs}
+            second = self._run(random.SystemRandom().sample(done, count))  # another sample every time
+            self.outcome.checked = tuple(sorted(second.ran))
+            self.outcome.interrupted = second.interrupted
+            bad = {name: task for name, task in second.ran.items() if task.state == "failed" or task.differs}
             self.outcome.results |= bad
         keep_history(self.project, self.store, self.outcome, self.history, complete=self.is_complete)
         if len(self.outcome.records) == len(self.before):
             specs = Specs(self.store)
             keys = {name: specs.of(self.graph[name], self.outcome.records).key for name in self.after}
-            found = {name: self.store.record(key) for name, key in keys.items() if name not in forced}
-            self.existing = {name: record for name, record in found.items() if record is not None}
+            records = {name: self.store.record(key) for name, key in keys.items() if name not in forced}
+            self.existing = {name: record for name, record in records.items() if record is not None}
 
-    def hand_over(self) -> None:
+    def deliver(self) -> None:
         """Fill the output folder; results that vanished meanwhile are made again."""
         try:
             try:
                 self._fill()
             except DamagedBlob:
                 self.warn("results vanished from the store before delivery; they are made again")
-                again = self._run()
-                self.outcome.results |= again.ran  # the report still counts the work of the first run
-                self.outcome.records = self.outcome.records | again.records
-                self.outcome.interrupted = again.interrupted
+                second = self._run()
+                self.outcome.results |= second.ran  # the report still counts the work of the first run
+                self.outcome.records = self.outcome.records | second.records
+                self.outcome.interrupted = second.interrupted
                 self._fill()
         except DamagedBlob:
-            twice = "results vanished from the store before delivery, twice"
-            self.error = EnvironmentFault(twice, hint="build again")
+            message = "results vanished from the store before delivery, twice"
+            self.error = EnvironmentFault(message, hint="build again")
         except PipelineError as error:
             self.error = error
 
@@ -153,15 +155,16 @@ class _Build:
             return
         self.outcome = self._run(forced, self.outcome)
         keep_history(self.project, self.store, self.outcome, self.history, complete=True)
-        made = self.outcome.records.keys() - self.existing.keys() - set(self.before)
+        new = self.outcome.records.keys() - self.existing.keys() - set(self.before)
         assert self.caller.interrupts is not None
-        if made:
+        if new:
             with self.caller.interrupts.stopping():
-                self.hand_over()
+                self.deliver()
             last = self.delivery
             assert last is not None
-            written, removed = {*first.written, *last.written}, {*first.removed, *last.removed}
-            self.delivery = replace(last, written=tuple(sorted(written)), removed=tuple(sorted(removed - written)))
+            written = {*first.written, *last.written}
+            removed = {*first.removed, *last.removed} - written
+            self.delivery = replace(last, written=tuple(sorted(written)), removed=tuple(sorted(removed)))
 
     def result(self, seconds: float, store_bytes: int) -> Result:
         return Result(
@@ -180,7 +183,9 @@ class _Build:
         )
 
     def _run(self, force: Iterable[str] = (), before: Outcome | None = None) -> Outcome:
-        """Run the tasks before delivery; those after it on this machine, which has the folder, when those are done."""
+        """Run the tasks before delivery. With the outcome `before`, run those after delivery; they run on this machine,
+        which has the folder.
+        """
         peaks = {kind: cost.peak_bytes for kind, cost in self.history.costs.items()}
         out = self.project.out.absolute()
         return run(
@@ -196,7 +201,8 @@ class _Build:
 
     def _fill(self) -> None:
         """Deliver the requested files if all of them exist."""
-        project, outcome = self.project, self.outcome
+        project = self.project
+        outcome = self.outcome
         records = {**outcome.records, **self.existing}
         if not set(self.before) <= records.keys() or outcome.interrupted:
             return
@@ -206,8 +212,8 @@ class _Build:
             files = {path: project.files[path] for name in self.options.targets for path in files_of(project, name)}
         elif self.is_complete:
             files = {path: source for path, source in project.files.items() if maker_of(project, path) not in missing}
-            for fact, places in project.findings.items():
-                blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in places.items()}
+            for fact, outputs in project.findings.items():
+                blobs = {name: outcome.records[task].outputs[output] for name, (task, output) in outputs.items()}
                 contents = {name: json.loads(self.store.read(blob.sha256)) for name, blob in blobs.items()}
                 self.head = {**self.head, fact: contents}
         else:
@@ -272,26 +278,30 @@ def status_of(project: Project) -> Status:
     store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
-    there = manifest.read(project.out)
-    ours = OurFiles(project.out, store, project.stage_id)
+    delivered = manifest.read(project.out)
+    in_folder = OurFiles(project.out, store, project.stage_id)
 
-    def wanted(path: str, source: Source) -> str | None:
+    def digest_after_build(path: str, source: Source) -> str | None:
         if isinstance(source, bytes):
             return hashlib.sha256(source).hexdigest()
-        if record := records.get(source[0]):
-            return record.outputs[source[1]].sha256
+        task, output = source
+        if record := records.get(task):
+            return record.outputs[output].sha256
         # The store may have lost what the folder still has.
-        is_same = there.tasks.get(source[0], "") == tasks[source[0]].key
-        return there.files[path].sha256 if is_same and path in there.files else None
+        is_same = delivered.tasks.get(task, "") == tasks[task].key
+        return delivered.files[path].sha256 if is_same and path in delivered.files else None
 
     def state(path: str, source: Source) -> str:
-        digest = ours.digest(path)
-        is_open = not isinstance(source, bytes) and tasks[source[0]].state == "maybe"
-        other = "maybe" if is_open else "stale"
-        return "missing" if digest is None else "built" if digest == wanted(path, source) else other
+        digest = in_folder.digest(path)
+        if digest is None:
+            return "missing"
+        if digest == digest_after_build(path, source):
+            return "built"
+        is_uncertain = not isinstance(source, bytes) and tasks[source[0]].state == "maybe"
+        return "maybe" if is_uncertain else "stale"
 
     states = {path: state(path, source) for path, source in sorted(project.files.items())}
-    return Status(files=states, has_manifest=there.data is not None)
+    return Status(files=states, has_manifest=delivered.data is not None)
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:
@@ -333,6 +343,7 @@ def run_task(path: Path, store: Store, packages: tuple[str, ...], *, force: bool
 
 
 def _read(path: Path) -> Spec:
+    """The spec in a file; UsageError if it is none, or its key does not match its content."""
     hint = "`pipeline plan STAGE --specs FOLDER` writes such files, and so does a task that fails"
     try:
         spec = from_plain(Spec, json.loads(path.read_text(encoding="utf-8")))

@@ -50,7 +50,7 @@ class Verified:
 
     digest: str
     path: Path
-    looks: Signature
+    signature_before: Signature
 
 
 def default_root() -> Path:
@@ -100,12 +100,12 @@ class Store(StoreFolder):
     def verified(self, digest: str) -> Verified:
         """A blob as returned by `blob`, with its signature for `confirm`."""
         path = self.blob(digest)
-        return Verified(digest=digest, path=path, looks=self._verified[digest])
+        return Verified(digest=digest, path=path, signature_before=self._verified[digest])
 
     def confirm(self, blobs: Iterable[Verified]) -> None:
         """Hash blobs again and require that nobody has written to them since `verified`."""
         for blob in blobs:
-            if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.looks:
+            if digest_of(blob.path) != blob.digest or signature(blob.path.lstat()) != blob.signature_before:
                 self._verified.pop(blob.digest, None)
                 self.blob(blob.digest)  # deletes it
                 raise DamagedBlob(blob.digest, "was written to while it was used")
@@ -133,13 +133,13 @@ class Store(StoreFolder):
             facts = os.lstat(path)
         except OSError:
             return False
-        now = signature(facts)
-        regular = stat.S_ISREG(facts.st_mode) and facts.st_size == blob.size
-        if regular and self._verified.get(digest) == now:  # verified by this process, unchanged since
+        current = signature(facts)
+        is_plausible = stat.S_ISREG(facts.st_mode) and facts.st_size == blob.size
+        if is_plausible and self._verified.get(digest) == current:  # verified by this process, unchanged since
             return True
-        actual = digest_of(path) if regular else ""
+        actual = digest_of(path) if is_plausible else ""
         if actual == digest:
-            self._verified[digest] = now
+            self._verified[digest] = current
         elif actual is not None:  # None: unreadable at present, so nothing is known about its bytes
             self._clear(Path(path))
         return actual == digest
@@ -152,11 +152,11 @@ class Store(StoreFolder):
 
     def put_record(self, record: Record) -> Record:
         """Store a record unless its key has one; returns the record that is kept."""
-        kept = self.record(record.key)
-        if kept is not None:
-            if kept.outputs != record.outputs:
+        first = self.record(record.key)
+        if first is not None:
+            if first.outputs != record.outputs:
                 self.warn(f"NON-DETERMINISM: {record.key[:12]} gave other bytes than before; the first ones stay")
-            return kept
+            return first
         self._write(self.path("record", record.key), seal({"format": _FORMAT, **fields_of(record)}))
         return record
 
@@ -210,6 +210,7 @@ class Store(StoreFolder):
             return None
 
     def notes(self, folder: str) -> list[str]:
+        """Names of the notes in a folder of the store, sorted."""
         return sorted(path.stem for path in (self.root / folder).glob("*.json"))
 
 

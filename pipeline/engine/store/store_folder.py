@@ -26,13 +26,14 @@ VERSION = b"plenoptic-pipeline store 1\n"
 """Content of the file VERSION. A non-empty folder without it is not a store, and nothing in it is touched."""
 
 _TABLES = {"blob": "cas/sha256", "record": "ac/v1", "lock": "lock", "log": "logs", "spec": "specs"}
+"""Folder of each table, whose entries lie in subfolders named by the first two digits of their digests."""
 
 _PARENTS = ("cas", "ac")
-_OTHERS = ("tmp", "history", "sources", "events", "index")
+_NOTE_FOLDERS = ("history", "sources", "events", "index")
 _FILES = ("VERSION", "gc.lock")
-_FOLDERS = (*_PARENTS, *_TABLES.values(), *_OTHERS)
-_NAMES = {*_PARENTS, *_TABLES.values(), *_OTHERS, *_FILES}
-_SHARD = re.compile(r"[0-9a-f]{2}")
+_FOLDERS = (*_PARENTS, *_TABLES.values(), "tmp", *_NOTE_FOLDERS)
+_NAMES = {*_FOLDERS, *_FILES}
+_SUBFOLDER = re.compile(r"[0-9a-f]{2}")
 
 ABANDONED_S = 86400.0
 """Age after which a workspace of another machine counts as abandoned [s]: locks may not work between machines."""
@@ -49,7 +50,9 @@ class StoreFolder:
     """
 
     def __init__(self, root: Path, warn: Callable[[str], None]) -> None:
-        self.root, self.warn, self.say_waiting = root, warn, warn
+        self.root = root
+        self.warn = warn
+        self.say_waiting = warn
         if flaw := flaw_of(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         self._workspace: Path | None = None  # made when first needed, removed with this object, or swept later
@@ -144,11 +147,13 @@ class StoreFolder:
                 folder.mkdir(parents=True, exist_ok=True)
 
     def _write(self, final: Path, data: bytes) -> None:
+        """Write a file of the store atomically."""
         aside = self.new_path()
         aside.write_bytes(data)
         self._keep(aside, final)
 
     def _keep(self, aside: Path, final: Path) -> None:
+        """Move a temporary file to its final path, read-only."""
         self._make(final.parent)
         aside.chmod(0o444)
         if final.is_dir() and not final.is_symlink():  # a rename replaces anything but a folder
@@ -164,7 +169,7 @@ class StoreFolder:
         if not os.path.lexists(path):
             return
         is_folder = path.is_dir() and not path.is_symlink()
-        done = "deleted"
+        outcome = "deleted"
         try:
             if is_folder and not any(path.iterdir()):
                 path.rmdir()
@@ -172,10 +177,10 @@ class StoreFolder:
                 path.unlink()
             else:
                 aside = path.rename(path.with_name(f"{path.name}.{time.time_ns()}"))
-                done = f"renamed to {aside.name}"
+                outcome = f"renamed to {aside.name}"
         except OSError:  # a read-only store keeps it
-            done = "which cannot be removed"
-        self.warn(f"damaged entry of the store, {done}: {path}")
+            outcome = "which cannot be removed"
+        self.warn(f"damaged entry of the store, {outcome}: {path}")
 
     def _mend(self) -> None:
         """Move away everything that occupies the path of a folder or file of the store."""
@@ -184,8 +189,12 @@ class StoreFolder:
 
 
 def _require_store(root: Path) -> None:
-    """Refuse a folder that is no store of this version: not one without its VERSION, or hardly begun when killed."""
-    names = sorted(_listed(root))
+    """Refuse a folder that is no store of this version.
+
+    A store that has results but lost its VERSION is accepted, and so is one whose making was interrupted: it has at
+    most a beginning of VERSION and temporary files.
+    """
+    names = sorted(_names_in(root))
     version = read_regular(root / "VERSION") or b""
     if version == VERSION:
         return
@@ -194,14 +203,17 @@ def _require_store(root: Path) -> None:
             f"the store {root} is of another version of this program", hint="set PIPELINE_CACHE to another folder"
         )
     has_results = any((root / _TABLES[table]).is_dir() for table in ("blob", "record"))
-    temporary = _listed(root / "tmp") if _is_folder(root / "tmp") else ()
-    is_begun = {"VERSION", "gc.lock", "tmp"}.issuperset(names) and all(map(_WORKSPACE.fullmatch, temporary))
-    is_begun = is_begun and VERSION.startswith(version.rstrip(b"\0"))
+    temporary = _names_in(root / "tmp") if _is_folder(root / "tmp") else ()
+    is_begun = (
+        {"VERSION", "gc.lock", "tmp"}.issuperset(names)
+        and all(map(_WORKSPACE.fullmatch, temporary))
+        and VERSION.startswith(version.rstrip(b"\0"))
+    )
     if _NAMES.issuperset(names) and (has_results or is_begun):
         return
-    shown = ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
+    content = ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
     raise EnvironmentFault(
-        f"{root} is no store of results: it holds {shown}, and no VERSION of ours",
+        f"{root} is no store of results: it holds {content}, and no VERSION of ours",
         hint="set PIPELINE_CACHE to a folder that is new or empty; nothing in this one was touched",
     )
 
@@ -225,7 +237,7 @@ def _misplaced(root: Path) -> Iterator[Path]:
     for table in _TABLES.values():
         if _is_folder(root / table):
             with contextlib.suppress(PermissionError), os.scandir(root / table) as entries:
-                wrong = [entry.name for entry in entries if _SHARD.fullmatch(entry.name) and not entry.is_dir()]
+                wrong = [entry.name for entry in entries if _SUBFOLDER.fullmatch(entry.name) and not entry.is_dir()]
                 yield from [root / table / name for name in sorted(wrong)]
 
 
@@ -237,7 +249,7 @@ def _is_folder(path: Path) -> bool:
         return False
 
 
-def _listed(folder: Path) -> set[str]:
+def _names_in(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()} - {"lost+found"}  # an empty disk contains that folder
 
 
