@@ -29,7 +29,7 @@ _POSITIONS_AT_ONCE = 1 << 16
 """Positions in a piece: the four arrays of `Stretch` take 48 bytes for each, 3 MiB in all."""
 _PICTURE_ROWS = 512
 """Rows that become a picture at once: the formula takes some hundred bytes per pixel."""
-_KEPT = 4
+_CACHED = 4
 """Cameras that a process keeps ready: tasks of one camera share its outlines, microlenses and reference bundle."""
 
 
@@ -50,6 +50,7 @@ def pinhole_of(inputs: Inputs, role: str = "pinhole") -> Pinhole | None:
 
 
 def tracer_alone(inputs: Inputs, seed: int) -> Tracer:
+    """The tracer of the focused camera, without its micro-images."""
     return _tracer(_text(inputs), seed)
 
 
@@ -65,19 +66,19 @@ def imaged_rig(inputs: Inputs, exposure: Exposure) -> Rig:
 
 
 def rig_of(inputs: Inputs, seed: int, square_px: float = 0.0) -> Rig:
-    """The focused camera made ready."""
+    """The focused camera with its micro-images; `square_px` is the edge of the square on which the rays of J start."""
     text = _text(inputs)
     tracer = _tracer(text, seed)
     return Rig(tracer, _images(text, seed) if tracer.camera.microlenses else None, square_px)
 
 
-@functools.lru_cache(maxsize=_KEPT)
+@functools.lru_cache(maxsize=_CACHED)
 def _tracer(camera: str, seed: int) -> Tracer:
     """The tracer of a camera by the text of focused.json: two texts are equal only if all of their numbers are."""
     return Tracer(from_plain(Camera, json.loads(camera)), seed)
 
 
-@functools.lru_cache(maxsize=_KEPT)
+@functools.lru_cache(maxsize=_CACHED)
 def _images(camera: str, seed: int) -> MicroImages:
     return micro_images(_tracer(camera, seed))
 
@@ -96,8 +97,8 @@ def stacked(inputs: Inputs, tiles: int, name: str) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Some positions of the fine grid, row by row: indices from the first of the band, columns and rows in all,
-    places on the sensor, vision frame, and the microlens in whose cell each lies.
+    """Some positions of the fine grid, row by row: indices from the first of the band, (n,); columns and rows of the
+    grid, (n, 2); points of the sensor, vision frame, (n, 3); and the microlens in whose cell each lies, (n,).
     """
 
     index: np.ndarray

@@ -132,9 +132,9 @@ class Draft(NamedTuple):
         folder = f"cameras/{entry.folder}"
         yield Stop(entry.full_name, self.camera(entry, is_alone=True), f"{folder}/white", f"{folder}/")
         for f_number in entry.f_numbers:
-            shown = shown_f_number(f_number)
+            text = shown_f_number(f_number)
             camera = self.camera(entry, is_alone=True, f_number=f_number)
-            yield Stop(f"{entry.full_name}/{shown}", camera, f"{folder}/white/{shown}", f"{folder}/white/{shown}.")
+            yield Stop(f"{entry.full_name}/{text}", camera, f"{folder}/white/{text}", f"{folder}/white/{text}.")
 
 
 class Stop(NamedTuple):

@@ -36,34 +36,34 @@ class Export:
 
 def plan_exports(draft: "Draft") -> None:
     """Add the exports of a dataset, after all other tasks."""
-    dataset, graph, asked = draft.dataset, draft.graph, draft.dataset.exports
+    dataset = draft.dataset
+    graph = draft.graph
     written = {path: source.decode() for path, source in draft.files.items() if isinstance(source, bytes)}
     makers = {source[0] for source in draft.files.values() if not isinstance(source, bytes)}
     reads = {name: name for name in graph if name in makers or not graph.readers(name)}
-    for name in asked.formats:
-        wanted = format_of(name)
+    for name in dataset.exports.formats:
+        export_format = format_of(name)
         cameras = {
             name_with(camera.name, channel or None): camera
             for camera in sorted(dataset.cameras, key=lambda camera: camera.name)
-            if wanted.takes(_is_plenoptic(camera))
+            if export_format.takes(_is_plenoptic(camera))
             for channel in [channel.name for channel in camera.channels] or [""]
         }
-        noise = Noise(**asked.noise)  # type: ignore[arg-type]  # scene knows no Noise
+        noise = Noise(**dataset.exports.noise)  # type: ignore[arg-type]  # scene knows no Noise
         params = Export(
             format=name,
             code=code_of_writer(name),
-            position=asked.position,
-            noise=noise if Reads.CORNERS in wanted.reads else Noise(),
+            position=dataset.exports.position,
+            noise=noise if Reads.CORNERS in export_format.reads else Noise(),
             stage=f"</{dataset.stage_name}>",
             cameras=tuple(cameras),
             written=key_of("written/v1", written),
         )
-        folder = folder_of(name, asked.position)
+        folder = folder_of(name, dataset.exports.position)
         task = draft.add(f"export/{folder}", params, reads, after_delivery=True)
         plenoptic = {full_name: _is_plenoptic(camera) for full_name, camera in cameras.items()}
-        frames = {full_name: dataset.frames_of(camera) for full_name, camera in cameras.items()}
-        numbers = {full_name: [frame.number for frame in there] for full_name, there in frames.items()}
-        for path in wanted.paths(plenoptic, numbers, len(dataset.targets)):
+        numbers = {name: [frame.number for frame in dataset.frames_of(camera)] for name, camera in cameras.items()}
+        for path in export_format.paths(plenoptic, numbers, len(dataset.targets)):
             draft.files[f"exports/{folder}/{path}"] = (task, path)
 
 

@@ -58,11 +58,15 @@ def targets_json(entry: "TargetEntry") -> bytes:
 
 
 def _points(points: TargetPoints) -> list[Json]:
-    """Id, kind, nominal and actual place and normal of every point, and the radius of its disc if it has one."""
+    """Id, kind, nominal and actual position and normal of every point, and the radius of its disc if it has one."""
     rows = []
     for index, kind in enumerate(points.kinds):
-        places = {"nominal_mm": points.nominal_mm, "actual_mm": points.position_mm, "normal": points.axes[:, :, 2]}
-        row = {"id": index, "kind": kind, **{name: to_plain(values[index].tolist()) for name, values in places.items()}}
+        vectors = {"nominal_mm": points.nominal_mm, "actual_mm": points.position_mm, "normal": points.axes[:, :, 2]}
+        row = {
+            "id": index,
+            "kind": kind,
+            **{name: to_plain(values[index].tolist()) for name, values in vectors.items()},
+        }
         radius = float(points.radius_mm[index])
         rows.append(row if math.isnan(radius) else {**row, "radius_mm": radius})
     return rows

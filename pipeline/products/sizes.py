@@ -84,28 +84,34 @@ def size(task: Task, plain: Params) -> float:
     except (KeyError, TypeError, ValueError, AttributeError):  # those of another version
         return 0.0
     match params:
-        case RaysTile(sampling=how):
-            return float((params.end_row - params.first_row) * how.supersampling**2 * how.samples)
-        case JoinedRays(sampling=how) | Positions(sampling=how):
-            return float(how.supersampling**2 * how.samples)
+        case RaysTile(sampling=sampling):
+            return float((params.end_row - params.first_row) * sampling.supersampling**2 * sampling.samples)
+        case JoinedRays(sampling=sampling) | Positions(sampling=sampling):
+            return float(sampling.supersampling**2 * sampling.samples)
         case _Imaged():
             return float(params.exposure.samples)
     return 0.0
 
 
 def assumed_cost(graph: TaskGraph, name: str) -> Cost:
-    """Cost of a task of which only its rays are known. Passes after the first, maybe not needed, count nothing."""
-    task, rays, ray_s, more_s = graph[name], 0.0, SECONDS_PER_RAY, 0.0
+    """Cost of a task of which only its rays are known: their number times `ray_s`, and a time besides.
+
+    Passes after the first, which may not be needed, count nothing.
+    """
+    task = graph[name]
     params: Any = from_plain(task.record or dict, task.params)
     plain = as_json(graph[task.reads.get("camera", name)].params)
+    rays = besides_s = 0.0
+    ray_s = SECONDS_PER_RAY
     match params:
         case Certificate(frames=(_, *_)) | Truth(view=PlacedView()):
-            (rays, more_s), ray_s = _cost_of_rows(params, plain), SECONDS_PER_RAY / 2  # most are blocked early
-        case RaysTile(sampling=how):
-            rays = (params.end_row - params.first_row) * _row_rays(plain, how.samples * how.supersampling**2)
-        case Positions(sampling=how):
+            rays, besides_s = _cost_of_rows(params, plain)
+            ray_s = SECONDS_PER_RAY / 2  # most are blocked early
+        case RaysTile(sampling=sampling):
+            rays = (params.end_row - params.first_row) * _row_rays(plain, sampling.samples * sampling.supersampling**2)
+        case Positions(sampling=sampling):
             height_px = _camera(plain).sensor.height_px
-            rays = height_px * _row_rays(plain, how.samples * how.supersampling**2)
+            rays = height_px * _row_rays(plain, sampling.samples * sampling.supersampling**2)
         case White(tiles=0, passes=0):
             first, end = _rows(params, plain)
             rays = (end - first) * _row_rays(plain, params.exposure.samples)
@@ -121,7 +127,7 @@ def assumed_cost(graph: TaskGraph, name: str) -> Cost:
                 ray_s = SECONDS_PER_MET
             else:
                 rays *= _share_sampled(plain, as_json([to_plain(placed) for placed in view.targets]))
-    return Cost(cpu_seconds=_SECONDS_PER_TASK + more_s + rays * ray_s, rays=rays, peak_bytes=0)
+    return Cost(cpu_seconds=_SECONDS_PER_TASK + besides_s + rays * ray_s, rays=rays, peak_bytes=0)
 
 
 def _rows(params: White | _Seen, plain: bytes) -> tuple[int, int]:
@@ -138,32 +144,39 @@ def _camera(plain: bytes) -> Camera:
 
 
 def _are_dark_at_an_end(plain: bytes, first: int, end: int) -> bool:
-    """Whether the image circle ends within some rows: quadrature knows a white image where all of its rows are lit."""
+    """Whether the image circle ends within some rows: then these are sampled, else quadrature computes them."""
     (width, height), lit = _lit(plain)
     return math.hypot(width, max(height - 2 * first, 2 * end - height)) > lit * math.hypot(width, height)
 
 
 @lru_cache(maxsize=8)
 def _lit(plain: bytes) -> tuple[tuple[int, int], float]:
-    """Size of the sensor [px], and the share of the way from its middle to its farthest corner that light reaches."""
+    """Size of the sensor [px], and the share of the line from its middle to its farthest corner that light reaches."""
     camera = _camera(plain)
-    sensor, tracer = camera.sensor, Tracer(camera)
-    way_mm = np.array([(sensor.offset_x_mm, sensor.offset_y_mm), sensor.farthest_corner_mm])
-    return (sensor.width_px, sensor.height_px), lit_share(tracer.table, tracer.stop_row, *tracer.on_film(way_mm))
+    sensor = camera.sensor
+    tracer = Tracer(camera)
+    ends_mm = np.array([(sensor.offset_x_mm, sensor.offset_y_mm), sensor.farthest_corner_mm])
+    return (sensor.width_px, sensor.height_px), lit_share(tracer.table, tracer.stop_row, *tracer.on_film(ends_mm))
 
 
 @lru_cache(maxsize=8)
-@np.errstate(all="ignore")  # what is not finite takes all rays
+@np.errstate(all="ignore")  # a share that is not finite counts as all pixels
 def _share_sampled(plain: bytes, targets: bytes) -> float:
     """Share of the pixels that take rays in an image of flat targets that glow: those whose light comes from both sides
-    of an edge, by the length of all edges and the blur there.
+    of an edge.
+
+    They lie in bands along the edges, as wide as the blur and a pixel. Were these strewn at random over the area A of a
+    patch in the image, the bands of width w along edges of length l would cover the share 1 - exp(-w l / A) of it.
     """
-    camera, share = _camera(plain), 0.0
+    camera = _camera(plain)
+    share = 0.0
     if camera.microlenses:
         return _SHARE_BEHIND_MICROLENSES
     for placed in json.loads(targets):
         for patch in target_from_plain(placed["target"]).patches():
-            pose, drawing = np.array(placed["vision_from_target"]) @ patch.target_from_patch, patch.drawing.arrays
+            pose = np.array(placed["vision_from_target"]) @ patch.target_from_patch
+            drawing = patch.drawing.arrays
+            # Cosine between the normal and the line of sight, by which the patch is foreshortened
             facing = max(1e-3, abs(pose[:3, 2] @ pose[:3, 3]) / np.linalg.norm(pose[:3, 3]))
             size_mm = 2 * np.array([drawing.half_x, drawing.half_y])
             points = apply(pose, np.append(size_mm, 0) / 4 * [(1, 1, 0), (1, -1, 0), (-1, 1, 0), (-1, -1, 0)])[None]
@@ -171,7 +184,8 @@ def _share_sampled(plain: bytes, targets: bytes) -> float:
             px_per_mm = abs(first_order(camera.prescription).magnification(pose[2, 3])) / camera.sensor.pitch_mm
             edges_px = 2 * px_per_mm * (size_mm.sum() + sum(map(_half_edges_mm, drawing.kinds, drawing.numbers)))
             area_px2 = px_per_mm**2 * size_mm.prod() * facing
-            covered = -np.expm1(-(1.15 * blur_px + _BESIDE_BLUR_PX) * edges_px * math.sqrt(facing) / area_px2)
+            width_px = 1.15 * blur_px + _BESIDE_BLUR_PX
+            covered = -np.expm1(-width_px * edges_px * math.sqrt(facing) / area_px2)
             share += float(min(1.0, area_px2 / math.prod(camera.sensor.size_px)) * covered)
     return min(1.0, share)
 
@@ -183,66 +197,89 @@ def _half_edges_mm(kind: int, numbers: np.ndarray) -> float:
 
 
 def _is_bent(target: Json) -> bool:
+    """Whether a target has other surfaces than planes."""
     surface = target.get("surface")  # none of a mesh
     return surface is None or surface["kind"] not in _SHAPES_WITH_FACES
 
 
 def _cost_of_rows(params: Truth | Certificate, plain: bytes) -> tuple[float, float]:
-    """Rays of the rows of a table, or of a judge of frames alike; or time by the microlenses that may see points."""
-    camera, rows, rays, claim_px, points = _camera(plain), 0.0, 0.0, math.inf, None
-    if isinstance(params, Certificate):
-        targets, is_hidden, claim_px = params.frames[0].targets, False, params.claim_px or math.inf
+    """Rays of the rows of a table, or of the sample that a certificate judges; behind microlenses, where the search for
+    microlenses that see a point dominates, no rays but a time [s].
+    """
+    camera = _camera(plain)
+    array = camera.microlenses
+    is_certificate = isinstance(params, Certificate)
+    claim_px, has_occluders, points = math.inf, False, None
+    if isinstance(params, Certificate):  # its frames are taken as equal to the first
+        targets = params.frames[0].targets
+        claim_px = params.claim_px or math.inf
     else:
         assert params.view is not None  # of tables that tiles make
-        targets, is_hidden, points = params.view.targets, bool(params.view.occluders), params.points
-    array = camera.microlenses
+        targets = params.view.targets
+        has_occluders = bool(params.view.occluders)
+        points = params.points
+    rows = rays = 0.0
     for target in targets:
-        every, z_mm = target_from_plain(target.target).points().kinds, target.vision_from_target[2][3]
-        first, end = points.get(target.name, (0, 0)) if points else (0, len(every))
-        solved = (end - first) * (microlenses_lit(camera, array, z_mm) if array else 1)
-        row, look, judge = (0, 0, JUDGES_RAYS[0]) if array else _rays_of_row(plain, z_mm, params.square_px, claim_px)
-        rows += solved
-        rays += solved * (judge if isinstance(params, Certificate) else row + look * is_hidden)
+        z_mm = target.vision_from_target[2][3]
+        count = len(target_from_plain(target.target).points().kinds)
+        first, end = points.get(target.name, (0, 0)) if points else (0, count)
+        rows_of_target = (end - first) * (microlenses_lit(camera, array, z_mm) if array else 1)
+        solving, looking, judging = (
+            (0, 0, JUDGES_RAYS[0]) if array else _rays_of_row(plain, z_mm, params.square_px, claim_px)
+        )
+        rows += rows_of_target
+        rays += rows_of_target * (judging if is_certificate else solving + looking * has_occluders)
     if isinstance(params, Certificate):
-        return rays / max(1.0, rows) * min(of := rows * len(params.frames), rows_of_build(int(of))), 0.0
-    lights = len(params.table.channel.wavelengths_nm) if params.table.channel else 1
-    return rays, rows * lights * _SECONDS_PER_PAIR[array.is_plain] if array else 0.0
+        all_rows = rows * len(params.frames)
+        return rays / max(1.0, rows) * min(all_rows, rows_of_build(int(all_rows))), 0.0
+    wavelengths = len(params.table.channel.wavelengths_nm) if params.table.channel else 1
+    return rays, rows * wavelengths * _SECONDS_PER_PAIR[array.is_plain] if array else 0.0
 
 
 @lru_cache(maxsize=64)
 def _rays_of_row(plain: bytes, z_mm: float, square_px: float, claim_px: float) -> tuple[float, float, float]:
-    """Rays of a row of truth, of a look at what hides it, and of its judge, by those of five bundles of the sensor."""
-    # No number of a lens says where what passes is in pieces, or small. Searches took 3 to 7 times their last integral.
+    """Rays to solve a row of truth, to see whether it is hidden, and to judge it: means over five bundles, in the
+    middle of the sensor and of its quarters.
+
+    They are traced, because no number of a lens tells how many rays pass, or whether the passing light is in pieces.
+    """
     tracer = Tracer(_camera(plain))
     x_px = np.array([(2, 2), (1, 1), (1, 3), (3, 1), (3, 3)]) / 4 * tracer.camera.sensor.size_px - 0.5
     bundles = Bundles(x_px, np.full(5, NO_MICROLENS), parallel_planes(z_mm, 2 * z_mm)[None].repeat(5, 0), square_px)
+    # A level of visibility is traced for bundles of which too few rays left the lens in the level before.
     leaving = np.array([len(bundle_behind(tracer, x, y, NO_MICROLENS, RAYS).weight_sr) for x, y in x_px]) / RAYS
-    look = sum(rays * np.mean(leaving * fewer < LEAVING) for fewer, rays in zip((0, *LEVELS), LEVELS, strict=False))
-    found, beside = (integrals(tracer, replace(bundles, x_px=x_px + step), 2) for step in (0, 1))
-    mm_per_px = np.hypot(*(beside.moments - found.moments)[:, :2].T) / math.sqrt(2)
+    levels = zip((0, *LEVELS), LEVELS, strict=False)
+    looking = sum(rays * np.mean(leaving * before < LEAVING) for before, rays in levels)
+    # The judge's error in pixels: J moves by sqrt(2) mm_per_px from a pixel to its diagonal neighbour.
+    integral, beside = (integrals(tracer, replace(bundles, x_px=x_px + step), 2) for step in (0, 1))
+    mm_per_px = np.hypot(*(beside.moments - integral.moments)[:, :2].T) / math.sqrt(2)
     error_px = np.hypot(*random_integrals(tracer, bundles, JUDGES_RAYS[0]).error_mm.T) / mm_per_px
     # Four times the rays err by 0.35 times as much, as Sobol points do; a level sends them once to three times.
     level = np.ceil(np.log2(np.maximum(1.0, (1 + SHARPER) * error_px / claim_px)) / 1.5)  # NaN: dark
-    judge = JUDGES_RAYS[0] * 4 ** np.minimum(level, len(JUDGES_RAYS) - 1) * 8 / 3
-    return 4 * found.rays / 5, float(look), float(np.nansum(judge) / max(1, np.sum(judge > 0)))
+    judging = JUDGES_RAYS[0] * 4 ** np.minimum(level, len(JUDGES_RAYS) - 1) * 8 / 3
+    # A search took 3 to 7 times the rays of its last integral.
+    return 4 * integral.rays / 5, float(looking), float(np.nansum(judging) / max(1, np.sum(judging > 0)))
 
 
 def cost_lines(dataset: Dataset | None, cameras: Iterable[CameraEntry]) -> list[str]:
     """Lines on the cost of a dataset, or of an image of each camera of a rig, before anything has run."""
     sizes = [(entry, f"{entry.asked.sensor.width_px} x {entry.asked.sensor.height_px} px") for entry in cameras]
     if dataset:
-        frames, shown = len(dataset.frames), " and ".join(dict.fromkeys(size_px for _, size_px in sizes))
-        # All frames have tasks alike: a graph of four tells what each adds, and judges draw enough rows from three.
+        frames = len(dataset.frames)
+        # Every frame adds the same tasks. The cost is extrapolated from graphs of three and of four frames: from three
+        # on, a certificate draws all of its rows.
         graphs = [graph_of(replace(dataset, frames=dataset.frames[:count]))[0] for count in (3, 4)]
         costs = [(len(graph), sum(assumed_cost(graph, name).cpu_seconds for name in graph)) for graph in graphs]
         tasks, seconds = (three + (frames - 3) * (four - three) for three, four in zip(*costs, strict=True))
         sooner = "; `pipeline build --preview` makes small pictures first" if seconds > _LONG_S else ""
         passes = ", without further passes for the noise" if any(entry.image_noise for entry, _ in sizes) else ""
-        job = f"{frames} frame{'s' * (frames != 1)} of {shown}, {tasks} tasks"
+        sizes_px = " and ".join(dict.fromkeys(size_px for _, size_px in sizes))
+        job = f"{frames} frame{'s' * (frames != 1)} of {sizes_px}, {tasks} tasks"
         return [f"{job}: about {duration(seconds)} of processor time{passes}{sooner}"]
     lines = []
     for entry, size_px in sizes:
-        sensor, rays = entry.asked.sensor, entry.image_samples * max(1, len(entry.channels))
+        sensor = entry.asked.sensor
+        rays = entry.image_samples * max(1, len(entry.channels))
         time = duration(sensor.width_px * sensor.height_px * rays * SECONDS_PER_RAY)
         lines.append(f"{entry.name}: {size_px}; an image takes about {time} of processor time at {rays} rays each")
     return lines

@@ -22,10 +22,12 @@ View = TypeVar("View", bound=PlacedView)
 
 
 def placed_target(entry: PlacedTarget) -> tuple[AnyTarget, np.ndarray]:
+    """A target and its pose vision_from_target, (4, 4) [mm]."""
     return target_from_plain(entry.target), np.array(entry.vision_from_target)
 
 
 def placed_occluder(entry: PlacedOccluder) -> tuple[Occluder, np.ndarray]:
+    """An occluder and its pose vision_from_occluder, (4, 4) [mm]."""
     return from_plain(Occluder, entry.occluder), np.array(entry.vision_from_occluder)
 
 
@@ -48,12 +50,13 @@ def visibility_then(
     rig: Rig, around: tuple[np.ndarray, list[Surroundings]], target: int, planes: Planes, rows: Solutions
 ) -> np.ndarray:
     """Visibility of rows of a target, (n,), each at the instant of `surroundings_at` next to its middle time."""
-    (times_s, surroundings), share = around, np.empty(len(rows.point))
-    when = np.abs(planes.middle_s(rows.xy_px)[:, None] - times_s).argmin(axis=1)
-    # A board that comes nearer would hide its own points as they were before.
-    bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes.at(rows.point, times_s[when]))
-    for number in np.unique(when).tolist():
-        is_nearest = when == number
+    times_s, surroundings = around
+    share = np.empty(len(rows.point))
+    instant = np.abs(planes.middle_s(rows.xy_px)[:, None] - times_s).argmin(axis=1)
+    # Points are taken at the instant, too: a board that comes nearer would hide its own points as they were before.
+    bundles = PointBundles(rig.microlens(rows.cell), rows.xy_px, planes.at(rows.point, times_s[instant]))
+    for number in np.unique(instant).tolist():
+        is_nearest = instant == number
         share[is_nearest], _ = visibility(rig, surroundings[number], target, *bundles.only(is_nearest))
     return share
 

@@ -29,7 +29,8 @@ def poses_at_lines(dataset: Dataset, frame: Frame, entry: CameraEntry) -> dict[s
     """vision_from_target when the first line of a camera with a shutter is exposed, and the last; else none."""
     if entry.shutter is None:
         return {}
-    ends_s, motions = entry.shutter.ends_s(entry.asked.sensor.size_px), frame.motions[entry.name].targets
+    ends_s = entry.shutter.ends_s(entry.asked.sensor.size_px)
+    motions = frame.motions[entry.name].targets
     return {
         name: tuple(map(matrix, motions[name].at(ends_s) if name in motions else [pose, pose]))
         for name, pose in target_poses(dataset, frame, entry.name).items()
@@ -50,7 +51,7 @@ class Things:
         self._targets = {name: Shared(plain_from_target(target)) for name, target in targets.items()}
         self._occluders = {
             shape: Shared(to_plain(shape if painted else dataclasses.replace(shape, radiance=0.0)))
-            for shape in dict.fromkeys(e.occluder for e in dataset.occluders)
+            for shape in dict.fromkeys(entry.occluder for entry in dataset.occluders)
         }
 
     def reads(self, draft: "Draft") -> dict[str, str]:
@@ -73,11 +74,12 @@ class Things:
 
     def occluders(self, frame: Frame, camera: str) -> tuple[PlacedOccluder, ...]:
         """The visible occluders of a frame."""
-        vision, motions = np.array(frame.camera_from_world[camera]), frame.motions.get(camera)
+        vision_from_world = np.array(frame.camera_from_world[camera])
+        motions = frame.motions.get(camera)
         return tuple(
             PlacedOccluder(
                 occluder=self._occluders[entry.occluder],
-                vision_from_occluder=matrix(vision @ frame.world_from_occluder[entry.prim_path]),
+                vision_from_occluder=matrix(vision_from_world @ frame.world_from_occluder[entry.prim_path]),
                 motion=motions.things.get(entry.prim_path) if motions else None,
             )
             for entry in self.dataset.occluders_in(frame)

@@ -15,21 +15,21 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 Bands = list[tuple[int, int]]
 """First and end of every tile."""
 
-_BUNDLE_RAYS, _MOST_OF_BUNDLES = 20_000_000, 512
+_BUNDLE_RAYS, _BUNDLE_TILES = 20_000_000, 512
 """Rays in a tile of bundles, 50 ns each, and the most tiles."""
 _POSITIONS = 1 << 21
 """Fine positions in a tile, 120 bytes each: with few rays per position memory is the limit."""
-_IMAGE_RAYS, _MOST_OF_IMAGES = 5_000_000, 128
+_IMAGE_RAYS, _IMAGE_TILES = 5_000_000, 128
 """Samples of pixels in a tile of an image, 100 ns each, and the most tiles: behind microlenses a pixel takes 1.4
 times as many.
 """
 _STRIP_PX = 1 << 16
 """Pixels of an image that take passes together: enough that pooled estimates of noise bias none, few enough that
-what is calm is left alone. Strips decide bytes, so that neither samples nor workers count.
+calm parts of the image take few passes. Strips decide bytes, so neither samples nor workers count.
 """
-_MICROLENSES, _FEWER, _SHARES = 1024, 256, 8
-"""Microlenses in a tile, a millisecond each; in a tile of small arrays, and how many such tiles there are at most: what
-follows waits for all microlenses, and making a small camera ready takes little.
+_MICROLENSES, _FEW_MICROLENSES, _SMALL_TILES = 1024, 256, 8
+"""Microlenses in a tile, a millisecond each; in a tile of a small array, and the most such tiles: later tasks wait for
+all microlenses, and making a small camera ready takes little.
 """
 _ROWS = 480
 """Rows of ground truth in a tile, a millisecond each: with fewer, the fixed cost of each search step is shared by
@@ -48,19 +48,19 @@ def bands(count: int, tiles: float) -> Bands:
 def bundle_bands(sensor: Sensor, sampling: Sampling) -> Bands:
     """Rows of the image in each tile of its bundles."""
     positions = sensor.width_px * sensor.height_px * sampling.supersampling**2
-    tiles = min(_MOST_OF_BUNDLES, positions * sampling.samples / _BUNDLE_RAYS)
+    tiles = min(_BUNDLE_TILES, positions * sampling.samples / _BUNDLE_RAYS)
     return bands(sensor.height_px, max(tiles, positions / _POSITIONS))
 
 
 def image_bands(sensor: Sensor, samples: int) -> Bands:
     """Rows of the image in each of its tiles."""
     rays = sensor.width_px * sensor.height_px * samples
-    return bands(sensor.height_px, min(_MOST_OF_IMAGES, rays / _IMAGE_RAYS))
+    return bands(sensor.height_px, min(_IMAGE_TILES, rays / _IMAGE_RAYS))
 
 
 def strips(sensor: Sensor) -> Bands:
     """Rows of an image that take passes together until their noise is low enough."""
-    return bands(sensor.height_px, min(_MOST_OF_IMAGES, sensor.width_px * sensor.height_px / _STRIP_PX))
+    return bands(sensor.height_px, min(_IMAGE_TILES, sensor.width_px * sensor.height_px / _STRIP_PX))
 
 
 def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
@@ -68,7 +68,7 @@ def microlens_tiles(sensor: Sensor, array: MicrolensArray) -> int:
     width, height = (min(sides) for sides in zip(sensor.size_mm, extent_mm(array), strict=True))
     along, across = array.pitches_mm
     count = width * height / (along * across)
-    return max(1, math.ceil(count / _MICROLENSES), min(_SHARES, math.ceil(count / _FEWER)))
+    return max(1, math.ceil(count / _MICROLENSES), min(_SMALL_TILES, math.ceil(count / _FEW_MICROLENSES)))
 
 
 def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str, tuple[int, int]]]:
@@ -77,9 +77,11 @@ def point_tiles(points: dict[str, int], *, is_plenoptic: bool) -> list[dict[str,
     rows = count * (_MICRO_IMAGES_OF_A_POINT if is_plenoptic else 1)
     tiles = []
     for low, high in bands(count, rows / _ROWS) if count else []:
-        before, tile = 0, dict[str, tuple[int, int]]()
+        before = 0  # points of the targets before this one
+        tile = dict[str, tuple[int, int]]()
         for name, size in sorted(points.items()):
-            first, end = max(low - before, 0), min(high - before, size)
+            first = max(low - before, 0)
+            end = min(high - before, size)
             if first < end or (size == 0 and low == 0):
                 tile[name] = first, end
             before += size

@@ -54,8 +54,7 @@ def _coarse(asked: Camera | FocusRequest) -> Camera | FocusRequest:
 
 def only_images(project: Project) -> Project:
     """The part of a project that makes pictures to look at: `image.png` and `white.png`."""
-    kept = ("/image.png", "/white.png")
-    files = {path: source for path, source in project.files.items() if path.endswith(kept)}
+    files = {path: source for path, source in project.files.items() if path.endswith(("/image.png", "/white.png"))}
     tasks = {source[0] for source in files.values() if not isinstance(source, bytes)}
     return dataclasses.replace(
         project,
@@ -71,20 +70,21 @@ def without_pictures(project: Project) -> Project:
     """The part of a project that makes tables and records: no image, label or map of rays of a camera, and no export
     that reads one.
     """
-    exports = [task for task in map(project.graph.__getitem__, project.graph) if task.after_delivery]
-    blind = {task.name: task for task in exports if Reads.IMAGES not in format_of(task.params["format"]).reads}
-    left_out = {task.name for task in exports} - blind.keys()
+    exports = {name: project.graph[name] for name in project.graph if project.graph[name].after_delivery}
+    left_out = {name for name, task in exports.items() if Reads.IMAGES in format_of(task.params["format"]).reads}
+    kept_exports = exports.keys() - left_out
     files = {
         path: source
         for path, source in project.files.items()
         if not (path.startswith(("cameras/", "frames/")) and path.endswith(PICTURES))
         and maker_of(project, path) not in left_out
     }
-    sources = [source for source in files.values() if not isinstance(source, bytes)]
-    named = {task for task, _ in (*sources, *(part for of in project.findings.values() for part in of.values()))}
-    graph = project.graph.up_to(named - blind.keys())
-    for task in blind.values():
-        graph.put(dataclasses.replace(task, reads={role: name for role, name in task.reads.items() if name in graph}))
+    makers = {source[0] for source in files.values() if not isinstance(source, bytes)}
+    makers |= {task for outputs in project.findings.values() for task, _ in outputs.values()}
+    graph = project.graph.up_to(makers - kept_exports)
+    for name in sorted(kept_exports):
+        reads = {role: source for role, source in exports[name].reads.items() if source in graph}
+        graph.put(dataclasses.replace(exports[name], reads=reads))
     return dataclasses.replace(project, graph=graph, files=files, head={**project.head, "pictures": False})
 
 
@@ -112,9 +112,10 @@ def on_device(project: Project, options: BuildOptions) -> Project:
         raise UsageError("--device does not go with --engine", hint="leave one out")
     from pipeline.jit.device import device_name
 
-    name, graph = device_name(), TaskGraph(project.graph.packages)
-    for task in (project.graph[task] for task in project.graph):
-        graph.put(dataclasses.replace(task, params=_on(name, task)))
+    device = device_name()
+    graph = TaskGraph(project.graph.packages)
+    for task in map(project.graph.__getitem__, project.graph):
+        graph.put(dataclasses.replace(task, params=_on(device, task)))
     return dataclasses.replace(project, graph=graph)
 
 

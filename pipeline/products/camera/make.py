@@ -35,7 +35,14 @@ def pinhole(params: Nothing, inputs: Inputs, out: Path) -> None:
     write_json(out / PINHOLE, to_plain(equivalent_pinhole.pinhole(focused_camera(inputs))))
 
 
-_FIRST = ("resolution", "pixel_pitch_mm", "pixel_acceptance", "sensor_mm", "sensor_distance_mm", "sensor_tilt_deg")
+_HEAD_FIGURES = (
+    "resolution",
+    "pixel_pitch_mm",
+    "pixel_acceptance",
+    "sensor_mm",
+    "sensor_distance_mm",
+    "sensor_tilt_deg",
+)
 
 
 def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None, alone: Camera | None = None) -> Json:
@@ -44,12 +51,11 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None, alon
     """
     figures = report(camera)
     lens = {"name": labels.lens_name, "index_source": labels.index_source, **figures.pop("lens")}
-    head = {name: figures.pop(name) for name in _FIRST if name in figures}
-    shone = labels.light
+    head = {name: figures.pop(name) for name in _HEAD_FIGURES if name in figures}
     light: Json = {
-        "weight": shone.weight,
-        "footprint": shone.footprint,
-        "wavelengths_nm": [shone.wavelength_nm],
+        "weight": labels.light.weight,
+        "footprint": labels.light.footprint,
+        "wavelengths_nm": [labels.light.wavelength_nm],
     }
     if labels.channels:
         light["channels"] = [_channel(alone or camera, channel, labels.windows) for channel in labels.channels]
@@ -57,17 +63,18 @@ def document(labels: CameraLabels, camera: Camera, pinhole: Pinhole | None, alon
     if shutter := labels.shutter:
         times = {"opens_s": shutter.opens_s, "line_offset_s": shutter.line_s, "exposure_s": shutter.exposure_s}
         head["shutter"] = {"scan_order": shutter.scan_order, **times}
-    pinhole_says = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
-    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": pinhole_says, **figures}
+    plain_pinhole = None if pinhole is None else _pinhole(pinhole, camera.sensor.pitch_mm)
+    return {**head, "conventions": CONVENTIONS, **light, "lens": lens, "pinhole": plain_pinhole, **figures}
 
 
 def _channel(camera: Camera, channel: Channel, windows: Windows | None) -> Json:
-    """A channel: its wavelengths, and what the lens is at their mean."""
-    in_channel, mean_nm = camera.in_light(channel), channel.middle.wavelength_nm
+    """A channel: its wavelengths, and the focal length and focus of the lens at their mean."""
+    in_channel = camera.in_light(channel)
+    mean_nm = channel.middle.wavelength_nm
     lens = paraxial.first_order((in_channel.behind(windows, mean_nm) if windows else in_channel).prescription)
     return {
         "name": channel.name,
-        "mean_wavelength_nm": channel.middle.wavelength_nm,
+        "mean_wavelength_nm": mean_nm,
         "wavelengths_nm": [node.wavelength_nm for node in channel.nodes],
         "shares": [node.weight for node in channel.nodes],
         "focal_length_mm": lens.efl_mm,
@@ -107,6 +114,8 @@ def first_order(params: CameraLabels, inputs: Inputs, out: Path) -> None:
 
 
 def _times(shutter: Shutter, size_px: tuple[int, int]) -> BandedPart:
+    """The part of times.exr with the middle of the exposure of each pixel, (h, w) [s]."""
+
     def rows(first: int, end: int) -> np.ndarray:
         y, x = np.mgrid[first:end, : size_px[0]].reshape(2, -1).astype(float)
         return shutter.middle_s(np.stack([x, y], axis=1), size_px).reshape(end - first, -1)

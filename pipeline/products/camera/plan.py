@@ -22,7 +22,8 @@ def plan_cameras(draft: Draft) -> None:
 
 def labels_of(entry: CameraEntry) -> CameraLabels:
     """Labels of a camera in camera.json, besides its figures."""
-    asked, focus = entry.asked, None
+    asked = entry.asked
+    focus = None
     if isinstance(asked, FocusRequest):
         focus = FocusLabels(
             focus_distance_mm=asked.focus_distance_mm,

@@ -32,8 +32,8 @@ def certificate(params: Certificate, inputs: Inputs, out: Path) -> None:
         (frame.targets, read_table(inputs[f"frame{frame.number}"]["correspondences.csv"])) for frame in params.frames
     ]
     rig = rig_of(inputs, params.seed ^ _STREAM, params.square_px)
-    of = sum(len(table.columns["x_px"]) for _, table in tables)
-    verdict = judged(rig, tables, params.shutter, params.claim_px, params.seed, rows_of_build(of))
+    count = sum(len(table.columns["x_px"]) for _, table in tables)
+    verdict = judged(rig, tables, params.shutter, params.claim_px, params.seed, rows_of_build(count))
     write_json(out / "certificate.json", verdict)
     numbers = [frame.number for frame in params.frames]
     write_json(out / "points.json", points_seen(numbers, tables))
@@ -77,13 +77,14 @@ def rows_of(rig: Rig, targets: Sequence[PlacedTarget], table: Table, shutter: Sh
     """Rows of each target of a table, whose planes are those of the row's own time."""
     names = np.array(table.columns["target"])
     point = table.numbers("point_id").astype(int)
-    x = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
+    x_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
     is_direct = set(table.columns["method"]) <= {"direct"}
     cell = cells_of(rig, table)
     parts = []
     for entry in targets:
-        of_target, planes = names == entry.name, planes_of(rig, entry, shutter)
-        parts.append(Rows(planes.exposed(point[of_target], x[of_target]), cell[of_target], x[of_target], is_direct))
+        of_target = names == entry.name
+        exposed = planes_of(rig, entry, shutter).exposed(point[of_target], x_px[of_target])
+        parts.append(Rows(exposed, cell[of_target], x_px[of_target], is_direct))
     return parts
 
 

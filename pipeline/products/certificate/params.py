@@ -9,6 +9,8 @@ from pipeline.products.views import PlacedTarget
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedFrame:
+    """A frame whose table is judged, with its targets."""
+
     number: int
     targets: Annotated[tuple[PlacedTarget, ...], "targets/*"]
 

@@ -24,21 +24,21 @@ def colour_image(params: ColourImage, inputs: Inputs, out: Path) -> None:
     name = params.name
     files = [inputs[f"channel{i}"] for i in range(len(params.channels))]
     images = [np.load(of_channel[light_file(name)], mmap_mode="r") for of_channel in files]
-    texts = [texts_of(of_channel[f"{name}.exr"], name) for of_channel in files]
+    headers = [texts_of(of_channel[f"{name}.exr"], name) for of_channel in files]
     letters = [_LETTERS.get(colour_of(channel.name) or channel.name, channel.name) for channel in params.channels]
     attributes: dict[str, str | float | int] = {
         "content": "relative irradiance of each channel: 1 is a white scene on the axis",
         **{f"light_{letter}": channel.text for letter, channel in zip(letters, params.channels, strict=True)},
     }
-    for letter, said in zip(letters, texts, strict=True):
-        if "noise" in said:
-            attributes[f"noise_{letter}"] = float(said["noise"])
+    for letter, header in zip(letters, headers, strict=True):
+        if "noise" in header:
+            attributes[f"noise_{letter}"] = float(header["noise"])
     if params.colorimetry is not None:
         text = "of the sensor, not of Rec. 709: chromaticities hold the matrix to XYZ that is best for a ColorChecker"
         attributes["colours"] = f"{text} in {params.colorimetry.illuminant}"
         attributes[PRIMARIES_XY] = " ".join(map(repr, params.colorimetry.chromaticities))
-    traced = {"rays": texts[0]["rays"]} if "rays" in texts[0] else {}  # by a device: the same one for all
-    part = _part(name, images, letters, {**attributes, **traced})
+    device = {"rays": headers[0]["rays"]} if "rays" in headers[0] else {}  # the same one for all channels
+    part = _part(name, images, letters, {**attributes, **device})
     write_bands(out / f"{name}.exr", [part])
 
     def preview(first: int, end: int) -> np.ndarray:
@@ -46,10 +46,10 @@ def colour_image(params: ColourImage, inputs: Inputs, out: Path) -> None:
 
     write_png(out / f"{name}.png", in_bands(part.shape[0], preview))
     if params.is_spectral:
-        _write_spectral(out / SPECTRAL, images, params, traced)
+        _write_spectral(out / SPECTRAL, images, params, device)
 
 
-def _write_spectral(path: Path, images: list[np.ndarray], params: ColourImage, traced: dict[str, str]) -> None:
+def _write_spectral(path: Path, images: list[np.ndarray], params: ColourImage, device: dict[str, str]) -> None:
     """Write the image as a spectrum in each pixel: relative to white in the same light, as a reflectance is.
 
     Source: Fichet, Pacanowski and Wilkie, "An OpenEXR Layout for Spectral Images", JCGT 10(3), 2021.
@@ -60,7 +60,7 @@ def _write_spectral(path: Path, images: list[np.ndarray], params: ColourImage, t
         "spectralLayoutVersion": "1.0",
         "content": "relative irradiance at each wavelength: 1 is a white scene on the axis in the same light",
     }
-    write_bands(path, [_part("spectral", images, names, {**attributes, **traced})])
+    write_bands(path, [_part("spectral", images, names, {**attributes, **device})])
 
 
 def _part(

@@ -12,6 +12,7 @@ def plan_colours(draft: Draft) -> None:
 
 
 def _plan(draft: Draft, entry: CameraEntry) -> None:
+    """Add the joined white image of a camera, and its joined image in each frame."""
     cameras = entry.in_channels if entry.channels else ()
     labels = tuple(label for camera in cameras if (label := channel_label(camera)))
     numbers = [frame.number for frame in draft.dataset.frames_of(entry)]

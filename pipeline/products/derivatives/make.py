@@ -25,14 +25,19 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
     """Derivatives of all rows of a table: derivatives.npz."""
     table = read_table(inputs["truth"]["correspondences.csv"])
     rig = rig_of(inputs, params.seed, params.square_px)
-    names, point = np.array(table.columns["target"]), table.numbers("point_id").astype(int)
+    target = np.array(table.columns["target"])
+    point = table.numbers("point_id").astype(int)
     x_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
-    roles = [[f"{side}{position}" for side in SIDES] for position in range(len(params.numbers))]
+    # For each number the tracers of the cameras with less and more of it; a camera that does not change has no role.
     tracers = [
-        [rig.tracer.next_to(focused_camera(inputs, role)) if role in inputs else rig.tracer for role in pair]
-        for pair in roles
+        [
+            rig.tracer.next_to(focused_camera(inputs, role)) if role in inputs else rig.tracer
+            for role in (f"{side}{position}" for side in SIDES)
+        ]
+        for position in range(len(params.numbers))
     ]
-    rows, numbers = len(names), len(params.numbers)
+    rows = len(target)
+    numbers = len(params.numbers)
     arrays = {
         "names": np.array([number.name for number in params.numbers]),
         "units": np.array([number.unit for number in params.numbers]),
@@ -45,17 +50,14 @@ def derivatives(params: RowDerivatives, inputs: Inputs, out: Path) -> None:
     cells = cells_of(rig, table)
     for index, entry in enumerate(params.nominal.targets):
         planes = planes_of(rig, entry, params.nominal.shutter)
-        variations = [
-            Variation(
-                number.step,
-                *(
-                    Neighbour(tracer, planes if at is None else planes_of(rig, at.targets[index], at.shutter))
-                    for tracer, at in zip(of_number, (number.less, number.more), strict=True)
-                ),
+        variations = []
+        for number, pair in zip(params.numbers, tracers, strict=True):
+            less, more = (
+                Neighbour(tracer, planes if view is None else planes_of(rig, view.targets[index], view.shutter))
+                for tracer, view in zip(pair, (number.less, number.more), strict=True)
             )
-            for number, of_number in zip(params.numbers, tracers, strict=True)
-        ]
-        of_target = names == entry.name
+            variations.append(Variation(number.step, less, more))
+        of_target = target == entry.name
         solved_rows = SolvedRows(point[of_target], cells[of_target], x_px[of_target], planes)
         rates = rates_of(rig, solved_rows, variations, with_blur=params.with_blur)
         for name in set(arrays) - {"names", "units"}:

@@ -16,7 +16,7 @@ class SeenTargets:
 
 
 SIDES = "less", "more"
-"""A number a step less, and more: begin of the roles of cameras with it, which end with its index."""
+"""Beginnings of the roles of cameras with a number a step less, and more; the index of the number follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,32 +13,44 @@ def plan_derivatives(draft: Draft) -> None:
 
 
 def _plan(draft: Draft, camera: CameraEntry) -> None:
-    dataset, files = draft.dataset, draft.files
+    """Add the derivatives of a camera by each of its numbers, for which the stage was read with less and more of it.
+
+    Cameras and views that do not depend on a number are left out: the nominal ones stand for them.
+    """
+    dataset = draft.dataset
     numbers = dataset.varied.get(camera.prim_path, ())
     for channel, entry in enumerate(camera.in_channels if numbers else ()):
-        ends = [tuple(_entry_in(end, camera, channel) for end in (number.less, number.more)) for number in numbers]
-        reads, nominal_camera = {"camera": draft.camera(entry)}, settled(entry)
-        for position, pair in enumerate(ends):
-            varied = [settled(end) for end in pair]
-            if varied == [nominal_camera, nominal_camera]:
+        varied_entries = [
+            [_entry_in(varied, camera, channel) for varied in (number.less, number.more)] for number in numbers
+        ]
+        reads = {"camera": draft.camera(entry)}
+        nominal_camera = settled(entry)
+        for position, pair in enumerate(varied_entries):
+            varied_cameras = [settled(varied) for varied in pair]
+            if varied_cameras == [nominal_camera, nominal_camera]:
                 continue
-            for side, changed in zip(SIDES, varied, strict=True):
+            for side, varied_camera in zip(SIDES, varied_cameras, strict=True):
                 role = f"{side}{position}"
-                reads[role] = draft.add_camera(f"camera/{entry.full_name}/{role}", changed)
-        things = [tuple(Things(end, painted=False) for end in (number.less, number.more)) for number in numbers]
-        placed = Things(dataset, painted=False)
+                reads[role] = draft.add_camera(f"camera/{entry.full_name}/{role}", varied_camera)
+        nominal_things = Things(dataset, painted=False)
+        varied_things = [[Things(varied, painted=False) for varied in (number.less, number.more)] for number in numbers]
         for index, frame in enumerate(dataset.frames):
             if camera.name not in frame.camera_from_world:
                 continue
-            nominal = _view(placed, dataset, frame, entry)
+            nominal = _view(nominal_things, dataset, frame, entry)
             views = []
-            for number, of, sides in zip(numbers, things, ends, strict=True):
-                moved_views = [
-                    _view(placed_there, end, end.frames[index], side)
-                    for placed_there, end, side in zip(of, (number.less, number.more), sides, strict=True)
-                ]
-                moved = [None if there == nominal else there for there in moved_views]
-                view = VariedView(name=number.name, unit=number.unit, step=number.step, less=moved[0], more=moved[1])
+            for number, things, entries in zip(numbers, varied_things, varied_entries, strict=True):
+                less, more = (
+                    _view(its_things, varied, varied.frames[index], its_entry)
+                    for its_things, varied, its_entry in zip(things, (number.less, number.more), entries, strict=True)
+                )
+                view = VariedView(
+                    name=number.name,
+                    unit=number.unit,
+                    step=number.step,
+                    less=None if less == nominal else less,
+                    more=None if more == nominal else more,
+                )
                 views.append(view)
             params = RowDerivatives(
                 nominal=nominal,
@@ -49,11 +61,11 @@ def _plan(draft: Draft, camera: CameraEntry) -> None:
             )
             name = f"{entry.full_name}/{frame.number:04d}"
             task = draft.add(f"derivatives/{name}", params, {**reads, "truth": f"truth/{name}"})
-            files[f"frames/{frame.number:04d}/{entry.folder}/{DERIVATIVES}"] = (task, DERIVATIVES)
+            draft.files[f"frames/{frame.number:04d}/{entry.folder}/{DERIVATIVES}"] = (task, DERIVATIVES)
 
 
 def _entry_in(dataset: Dataset, camera: CameraEntry, channel: int) -> CameraEntry:
-    """A camera, in its channel of a place, as another reading of the stage has it."""
+    """A camera, in its channel of this index, as another reading of the stage has it."""
     return next(entry for entry in dataset.cameras if entry.name == camera.name).in_channels[channel]
 
 

@@ -1,6 +1,9 @@
 """Tasks of images and white images: whole, in tiles of rows, or in strips that take passes until their noise is low.
 
-Noise is relative to the mean of the image, which the first passes over all strips say. A strip then goes on alone.
+A pass renders a strip in `REPLICAS` independent replicas, whose spread gives the standard error of their mean. Noise is
+relative to the mean of the image, known from the first passes over all strips. Afterwards each strip goes on alone.
+
+Pixels whose light comes from one colour are not sampled: they are the white image times that colour (`imaging`).
 """
 
 import dataclasses
@@ -55,7 +58,7 @@ class LastFacts(NamedTuple):
     noise: float
 
 
-def level_of(inputs: Inputs) -> float:
+def mean_of_first_passes(inputs: Inputs) -> float:
     """The mean of an image after the first passes over all strips."""
     firsts = [FirstFacts(**read_json(files[FACTS])) for role, files in inputs.items() if role.startswith(FIRST)]
     return math.fsum(first.light for first in firsts) / sum(first.pixels for first in firsts)
@@ -81,12 +84,14 @@ def write_strip(
     image: Callable[[np.ndarray], np.ndarray] = lambda means: means,
 ) -> None:
     """Take passes over a strip until its noise is low enough, or there are as many as there may be; write the means of
-    all, and facts.
+    the replicas over all passes, and facts.
 
-    `replicas` makes those of a pass; `image` the images (replicas, h, w), in which noise is judged, of means.
+    `replicas` renders those of a further pass. `image` makes of means the images (replicas, h, w) whose noise counts.
     """
     assert params.noise is not None  # strips have one
-    level, means, passes = level_of(inputs), read_npy(inputs[OWN][MEANS]), 1
+    level = mean_of_first_passes(inputs)
+    means = read_npy(inputs[OWN][MEANS])
+    passes = 1
     while (noise := noise_of(standard_error(image(means)))) > params.noise * level and passes < params.passes:
         means = joined(means, replicas(passes))
         passes += 1
@@ -104,24 +109,25 @@ class Rendered(NamedTuple):
     labels: Mapping[str, str | float | int] | None = None
 
 
-def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
+def image_of_strips(inputs: Inputs, stated_noise: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
     """An image of strips, the roles `tile0`, `tile1`, …; the mean over its replicas.
 
-    `asked` is the noise relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
+    `stated_noise` is that of the stage, relative to the mean of the image; `replicas` returns the images
+    (replicas, h, w) of a strip.
     """
     strips = range(sum(role.startswith(STRIP) for role in inputs))
     images = (replicas(strip) for strip in strips)
     pixels, errors = zip(*((image.mean(axis=0), standard_error(image)) for image in images), strict=True)
     facts = [LastFacts(**read_json(inputs[f"{STRIP}{strip}"][FACTS])) for strip in strips]
-    level = level_of(inputs)
+    level = mean_of_first_passes(inputs)
     labels = {
-        "noise_asked": asked,
+        "noise_asked": stated_noise,
         "noise": max(strip_facts.noise for strip_facts in facts) / level if level > 0 else 0.0,
         "passes_least": min(strip_facts.passes for strip_facts in facts),
         "passes_most": max(strip_facts.passes for strip_facts in facts),
     }
-    if labels["noise"] > asked:
-        work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {asked:g}"
+    if labels["noise"] > stated_noise:
+        work().news = f"noise {labels['noise']:.2g} with the most samples there may be, asked {stated_noise:g}"
     content = f"standard error of each pixel of the image, from {REPLICAS} independent replicas"
     error = part_of("standard_error", np.concatenate(errors), {"content": content})
     return Rendered(np.concatenate(pixels), (error,), labels)
@@ -129,7 +135,11 @@ def ended(inputs: Inputs, asked: float, replicas: Callable[[int], np.ndarray]) -
 
 def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
     """A part of a file with one channel, (h, w)."""
-    (height, width), rows = pixels.shape, lambda first, end: pixels[first:end]
+    height, width = pixels.shape
+
+    def rows(first: int, end: int) -> np.ndarray:
+        return pixels[first:end]
+
     return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
 
 
@@ -165,6 +175,7 @@ def white_strip(params: White, inputs: Inputs, out: Path) -> None:
 
 
 def _white_replicas(params: White, rig: Rig, number: int) -> np.ndarray:
+    """Replicas of pass `number` over a strip of a white image; if quadrature knows its rows, they are all the same."""
     smooth = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
 
     def parts(batch: Batch) -> np.ndarray:
@@ -175,10 +186,11 @@ def _white_replicas(params: White, rig: Rig, number: int) -> np.ndarray:
 
 def white(params: White, inputs: Inputs, out: Path) -> None:
     """The image of a white scene, i.e. vignetting and, behind microlenses, micro-images: white.exr and white.png."""
-    tracer, of_strips = tracer_alone(inputs, params.exposure.seed), None
+    tracer = tracer_alone(inputs, params.exposure.seed)
+    strips = None
     if params.noise is not None:
         means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
-        of_strips = ended(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
+        strips = image_of_strips(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
         white, foreign = np.concatenate(means, axis=2).mean(axis=0)
     elif params.tiles:
         white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
@@ -186,12 +198,13 @@ def white(params: White, inputs: Inputs, out: Path) -> None:
         white, foreign = white_tile(params, inputs, out)
     white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
     parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
-    if of_strips is not None:
-        parts += of_strips.parts
-    write_image(out, "white", Rendered(white, parts, of_strips and of_strips.labels), params.exposure, tracer)
+    if strips is not None:
+        parts += strips.parts
+    write_image(out, "white", Rendered(white, parts, strips and strips.labels), params.exposure, tracer)
 
 
 def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
+    """The part of white.exr with the share of foreign light in each pixel; NaN where there is no light."""
     total = float(foreign.sum() / white.sum()) if white.any() else math.nan
     share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
     content = "share of the light that came through another microlens than that of the pixel's cell"
@@ -199,13 +212,14 @@ def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
 
 
 def scenes_at(view: PaintedView | None, times_s: list[float], inputs: Inputs) -> list[SceneView]:
-    """Targets and occluders that glow."""
+    """Targets and occluders that glow, at each instant [s]."""
     assert view is not None  # tiles, passes and images without them have one
     return [_glowing(view_at(view, time_s)) for time_s in times_s]
 
 
 def _glowing(view: PaintedView) -> SceneView:
-    targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+    targets = list(map(placed_target, view.targets))
+    occluders = list(map(placed_occluder, view.occluders))
     if not any(view.colours):
         return TargetLight(targets, view.background, occluders)
     return GlowingView(targets, view.background, occluders, view.colours)
@@ -218,33 +232,38 @@ def image_tile(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], sc
 
 
 def image_rows(images: Sequence[Image], inputs: Inputs, scenes_at: ScenesAt) -> np.ndarray:
-    """The same rows of several frames, (frames, h, w) float64."""
-    exposure, rows = images[0].exposure, images[0].rows
+    """The same rows of several frames, (frames, h, w) float64.
+
+    All stills share their rays; each frame with a shutter has its own instants, and is their mean.
+    """
+    exposure = images[0].exposure
     white = np.array([read_npy(inputs["white"][name]) for name in (WHITE, FOREIGN)])
     rig = imaged_rig(inputs, exposure)
     width_px, height_px = rig.tracer.camera.sensor.size_px
-    all_rows = rows or (0, height_px)
+    first_row, end_row = images[0].rows or (0, height_px)
 
     def rendered(scenes: list[SceneView], lines: Rows, columns: Rows) -> np.ndarray:
-        first, end = steadied_by(rig, columns)
-        there = white[:, lines[0] - all_rows[0] : lines[1] - all_rows[0], first:end]
-        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, there, lines, (first, end))
+        first, end = with_neighbours(rig, columns)
+        their_white = white[:, lines[0] - first_row : lines[1] - first_row, first:end]
+        light = imaging.pictures_in_lights(rig, exposure.samples, scenes, their_white, lines, (first, end))
         return light[..., columns[0] - first : columns[1] - first]
 
-    result = np.empty((len(images), all_rows[1] - all_rows[0], width_px))
-    still = [number for number, image in enumerate(images) if image.shutter is None]
+    result = np.empty((len(images), end_row - first_row, width_px))
+    stills = [number for number, image in enumerate(images) if image.shutter is None]
     moving = [[number] for number, image in enumerate(images) if image.shutter is not None]
-    for numbers in filter(None, [still, *moving]):
-        for times_s, lines, columns in exposures(images[numbers[0]].shutter, all_rows, (width_px, height_px)):
+    for numbers in filter(None, [stills, *moving]):
+        shutter = images[numbers[0]].shutter
+        for times_s, lines, columns in exposures(shutter, (first_row, end_row), (width_px, height_px)):
             scenes = [scene for number in numbers for scene in scenes_at(images[number].view, times_s, inputs)]
             light = rendered(scenes, lines, columns)
-            of_images = light.reshape(len(numbers), len(times_s), *light.shape[1:])
-            result[numbers, slice(*(line - all_rows[0] for line in lines)), slice(*columns)] = of_images.mean(axis=1)
+            at_instants = light.reshape(len(numbers), len(times_s), *light.shape[1:])
+            their_rows = slice(lines[0] - first_row, lines[1] - first_row)
+            result[numbers, their_rows, slice(*columns)] = at_instants.mean(axis=1)
     return result
 
 
-def steadied_by(rig: Rig, columns: Rows) -> Rows:
-    """Columns of an image whose light has a part in that of some: those beside, too, of a conventional camera."""
+def with_neighbours(rig: Rig, columns: Rows) -> Rows:
+    """Columns whose light contributes to that of some: of a conventional camera the adjacent ones, too."""
     if rig.images is not None:
         return columns
     return max(0, columns[0] - 1), min(columns[1] + 1, rig.tracer.camera.sensor.width_px)
@@ -253,61 +272,73 @@ def steadied_by(rig: Rig, columns: Rows) -> Rows:
 def exposures(
     shutter: Shutter | None, rows: Rows, size_px: tuple[int, int]
 ) -> Iterator[tuple[list[float], Rows, Rows]]:
-    """Instants [s] of which pixels of some rows are the mean, and their rows and columns; a still has one instant."""
+    """Parts of some rows of an image that are exposed together: instants [s] of which their pixels are the mean, their
+    rows and their columns. A still is one part with one instant.
+    """
     if shutter is None:
         yield [0.0], rows, (0, size_px[0])
         return
     count = shutter.instants if shutter.exposure_s else 1
-    after_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
+    after_opening_s = shutter.exposure_s * (np.arange(count) + 0.5) / count
     for opens_s, lines, columns in shutter.lines(rows, size_px):
-        yield (opens_s + after_s).tolist(), lines, columns
+        yield (opens_s + after_opening_s).tolist(), lines, columns
 
 
 def image_first(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
-    """Write what is sampled of all replicas, (replicas, h, w), facts, and the colours of the rest, (2, h, w,
-    wavelengths) as of `colours_in_lights`, before a shutter their mean over the instants, and 0 where there are none.
+    """Write the sampled light of all replicas, (replicas, h, w), facts, and the colours of pixels that are not sampled,
+    (2, h, w, wavelengths) as of `colours_in_lights`: with a shutter their mean over the instants, 0 where there are
+    none.
     """
-    now, colour = _image_replicas(params, inputs, 0, None, scenes_at)
+    sampled, colour = _image_replicas(params, inputs, 0, None, scenes_at)
     unsampled = imaging.known_in_lights(tracer_alone(inputs, params.exposure.seed), _first_white(inputs), colour)
     write_npy(out / COLOURS, colour)
-    write_first(out, now, now.mean(axis=0) + unsampled)
+    write_first(out, sampled, sampled.mean(axis=0) + unsampled)
 
 
 def image_strip(params: Image, inputs: Inputs, out: Path, scenes_at: ScenesAt = scenes_at) -> None:
-    """Write what is sampled in all passes that a strip needs."""
-    kept = None if params.shutter else read_npy(inputs[OWN][COLOURS])[None]
-    write_strip(out, params, inputs, lambda number: _image_replicas(params, inputs, number, kept, scenes_at)[0])
+    """Write the sampled light of all passes that a strip needs."""
+    colours = None if params.shutter else read_npy(inputs[OWN][COLOURS])[None]
+    write_strip(out, params, inputs, lambda number: _image_replicas(params, inputs, number, colours, scenes_at)[0])
 
 
 def _first_white(inputs: Inputs) -> np.ndarray:
+    """The white image after its first pass, (2, h, w, wavelengths)."""
     return read_npy(inputs["white"][MEANS]).mean(axis=0)  # type: ignore[no-any-return]
 
 
 def _image_replicas(
-    params: Image, inputs: Inputs, number: int, kept: np.ndarray | None, scenes_at: ScenesAt
+    params: Image, inputs: Inputs, number: int, known_colours: np.ndarray | None, scenes_at: ScenesAt
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Samples of a pass, and colours of all other pixels, as in `image_first`; `kept` are colours of earlier passes."""
-    rows, shutter = params.rows, params.shutter
+    """Sampled light of pass `number`, and colours of all other pixels, as in `image_first`; those known from an earlier
+    pass are not computed again.
+    """
+    rows = params.rows
+    shutter = params.shutter
     assert rows is not None  # passes are over strips
-    rig, white, parts = imaged_rig(inputs, params.exposure), _first_white(inputs), []
+    rig = imaged_rig(inputs, params.exposure)
+    white = _first_white(inputs)
+    parts = []
     for times_s, lines, columns in exposures(shutter, rows, rig.tracer.camera.sensor.size_px):
         scenes = scenes_at(params.view, times_s, inputs)
-        first, end = steadied_by(rig, columns)
+        first, end = with_neighbours(rig, columns)
         bands = imaging.bands_in_lights(rig, lines, (first, end))
-        there = white[:, lines[0] - rows[0] : lines[1] - rows[0], first:end]
-        colour = imaging.colours_in_lights(bands, scenes) if kept is None else kept
-        sampled = partial(_sampled, rig, bands, scenes, there, colour)
-        light = replicas_of(number, params.exposure.samples, sampled)
-        unsampled = np.nan_to_num(colour).mean(axis=0) if shutter else colour[0]
+        their_white = white[:, lines[0] - rows[0] : lines[1] - rows[0], first:end]
+        colours = imaging.colours_in_lights(bands, scenes) if known_colours is None else known_colours
+        render = partial(_sampled, rig, bands, scenes, their_white, colours)
+        light = replicas_of(number, params.exposure.samples, render)
+        unsampled = np.nan_to_num(colours).mean(axis=0) if shutter else colours[0]
         own = slice(columns[0] - first, columns[1] - first)
         parts.append((light[..., own], unsampled[..., own, :]))
-    now, colour = (np.concatenate(part, axis=2 - shutter.axis if shutter else 1) for part in zip(*parts, strict=True))
-    return now, colour
+    # Parts of a shutter lie along its axis; those of a still follow each other from the top.
+    axis = 2 - shutter.axis if shutter else 1
+    sampled, unsampled = (np.concatenate(part, axis=axis) for part in zip(*parts, strict=True))
+    return sampled, unsampled
 
 
 def _sampled(
     rig: Rig, bands: list[Band], scenes: list[SceneView], white: np.ndarray, colour: np.ndarray, batch: Batch
 ) -> np.ndarray:
+    """Sampled light of a batch of rays, the mean over instants, (h, w)."""
     return imaging.sampled_in_lights(rig, bands, batch, scenes, white, colour).mean(axis=0)
 
 
@@ -316,7 +347,8 @@ def image(params: Sequence[Image], inputs: Inputs, outs: Sequence[Path], scenes_
 
     It is that of tiles or strips; without these, several frames share their rays.
     """
-    first, exposure = params[0], params[0].exposure
+    first = params[0]
+    exposure = first.exposure
     if first.noise is not None:
         images = [_from_strips(first.noise, exposure, inputs)]
     elif first.tiles:
@@ -338,13 +370,14 @@ def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
         ]
         return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(unsampled)  # type: ignore[no-any-return]
 
-    return ended(inputs, noise, replicas)
+    return image_of_strips(inputs, noise, replicas)
 
 
 def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
     """Write `name`.exr, relative irradiance with its reference in the header, `name`.png, an 8-bit preview, and for
     tasks that read it an array."""
-    by_area, pixels = tracer.camera.weight == "area", image.pixels
+    pixels = image.pixels
+    by_area = tracer.camera.weight == "area"
     measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
     attributes = {
         "content": f"relative irradiance: integral of L {measure} over W_ref",

@@ -40,12 +40,17 @@ def plan_images(draft: Draft) -> None:
 
 
 def _white(draft: Draft, entry: CameraEntry, stop: Stop) -> str:
-    exposure, noise, sensor, reads = exposure_of(entry), entry.image_noise, entry.asked.sensor, {"camera": stop.camera}
+    """Add the tasks of a white image; name of the last one."""
+    exposure = exposure_of(entry)
+    noise = entry.image_noise
+    sensor = entry.asked.sensor
+    reads = {"camera": stop.camera}
     is_smooth = entry.asked.microlenses is None and not exposure.diffraction
     bands = strips(sensor) if noise is not None else image_bands(sensor, entry.image_samples)
     parts = [White(exposure=exposure, rows=rows, is_smooth=is_smooth) for rows in bands]
     if noise is not None:
-        tiles, count = _strips(draft, f"white/{stop.name}", parts, reads, noise), len(parts)
+        tiles = _strips(draft, f"white/{stop.name}", parts, reads, noise)
+        count = len(parts)
     else:
         tiles = draft.add_tiles(f"white_tile/{stop.name}", parts, reads)
         count = len(tiles)
@@ -54,10 +59,16 @@ def _white(draft: Draft, entry: CameraEntry, stop: Stop) -> str:
 
 
 def _image(draft: Draft, entry: CameraEntry, frame: Frame, colours: tuple[Colours, ...]) -> str:
-    things, camera, name = draft.painted, entry.full_name, f"{entry.full_name}/{frame.number:04d}"
-    exposure, noise, shutter = exposure_of(entry), entry.image_noise, shutter_in(entry, frame)
+    """Add the tasks of the image of a camera in a frame; name of the last one."""
+    things = draft.painted
+    camera = entry.full_name
+    name = f"{camera}/{frame.number:04d}"
+    exposure = exposure_of(entry)
+    noise = entry.image_noise
+    shutter = shutter_in(entry, frame)
     view = cast(PaintedView, Shared(to_plain(things.view(frame, entry, colours))))  # of many tiles
-    sensor, of_camera = entry.asked.sensor, {"camera": draft.camera(entry)}
+    sensor = entry.asked.sensor
+    of_camera = {"camera": draft.camera(entry)}
     bands = strips(sensor) if noise is not None else image_bands(sensor, entry.image_samples)
     parts = [things.IMAGE(exposure=exposure, view=view, rows=rows, shutter=shutter) for rows in bands]
     reads = {**of_camera, **things.reads(draft)}
@@ -81,13 +92,13 @@ def _strips(
 ) -> dict[str, str]:
     """Add the tasks of an image that is sampled to a stated noise; role and name of what the image reads of them.
 
-    A first pass over each of `parts` says the mean of the image, relative to which the noise is a standard error; then
-    each strip takes as many passes as it needs.
+    First passes over all `parts` give the mean of the image, to which the stated noise is relative; then each strip
+    takes as many passes as it needs.
     """
     kind, _, subject = name.partition("/")
     first = draft.add_tiles(f"{kind}_first/{subject}", parts, reads, least=1)
     firsts = {f"{FIRST}{number}": task for number, task in enumerate(first.values())}
     inputs = {**reads, **firsts, OWN: f"{kind}_first/{subject}/"}
     passes = 1 + max(0, (MOST_SAMPLES // parts[0].exposure.samples).bit_length() - 1)
-    wanted = [replace(part, noise=noise, passes=passes) for part in parts]
-    return {**draft.add_tiles(f"{kind}_strip/{subject}", wanted, inputs, least=1), **firsts}
+    limited = [replace(part, noise=noise, passes=passes) for part in parts]
+    return {**draft.add_tiles(f"{kind}_strip/{subject}", limited, inputs, least=1), **firsts}

@@ -43,16 +43,20 @@ _DECIMALS = 6
 def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
     """Both tables of the micro-images of a camera."""
     rig = rig_of(inputs, 0)
-    tracer, images = rig.tracer, rig.images
-    grid, array = tracer.lattice, tracer.camera.microlenses
+    tracer = rig.tracer
+    images = rig.images
+    grid = tracer.lattice
+    array = tracer.camera.microlenses
     assert images is not None and grid is not None and array is not None
     names = [field.name for field in dataclasses.fields(MicroLight)]
     parts = [stacked(inputs, params.tiles, f"{name}.npy") for name in names if params.tiles]
     light = MicroLight(*parts) if parts else micro_light(tracer, images)
     pitch = tracer.camera.sensor.pitch_mm
-    centre, centroid = tracer.pixels_at(images.centre_mm), np.full((len(grid.k), 2), np.nan)
+    centre = tracer.pixels_at(images.centre_mm)
+    centroid = np.full((len(grid.k), 2), np.nan)
+    area_radius = np.full(len(grid.k), np.nan)
+    complete = np.zeros(len(grid.k), np.int64)
     centroid[light.rows] = tracer.pixels_at(light.centroid_mm)
-    area_radius, complete = np.full(len(grid.k), np.nan), np.zeros(len(grid.k), np.int64)
     area_radius[light.rows] = np.sqrt(light.pupil_area_mm2 / np.pi) / pitch
     complete[light.rows] = _is_inside(tracer, light)
     columns = {
@@ -81,7 +85,8 @@ def micro_images(params: MicroImageTables, inputs: Inputs, out: Path) -> None:
 
 def _is_inside(tracer: Tracer, light: MicroLight) -> np.ndarray:
     """Whether the whole outline of each micro-image lies in the image, (n,)."""
-    sensor, angle = tracer.camera.sensor, np.deg2rad(OUTLINE_DEG)
+    sensor = tracer.camera.sensor
+    angle = np.deg2rad(OUTLINE_DEG)
     along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     outline = tracer.pixels_at(light.centroid_mm)[:, None] + light.light_mm[..., None] / sensor.pitch_mm * along
     size = np.array([sensor.width_px, sensor.height_px])

@@ -29,6 +29,9 @@ def frame_poses(params: FramePoses, inputs: Inputs, out: Path) -> None:
 
 
 def poses(camera: str, frame: PosedFrame, pinhole: Pinhole | None) -> Json:
+    """Content of poses.json: a camera and all targets in a frame; no pinhole, and no poses by it, where none can be
+    fitted.
+    """
     camera_from_world = np.array(frame.camera_from_world)
     targets: dict[str, Json] = {
         name: {"camera_from_target": pose, "pinhole": None} for name, pose in frame.targets.items()

@@ -12,10 +12,10 @@ def plan_poses(draft: Draft) -> None:
     """Add the poses of all cameras, and the baselines between them if a frame has several."""
     dataset = draft.dataset
     for entry in dataset.cameras:
-        there = dataset.frames_of(entry)
-        params = FramePoses(camera=entry.name, frames=tuple(_posed(draft, entry, frame) for frame in there))
+        frames = dataset.frames_of(entry)
+        params = FramePoses(camera=entry.name, frames=tuple(_posed(draft, entry, frame) for frame in frames))
         task = draft.add(f"frame_poses/{entry.name}", params, {"pinhole": f"pinhole/{entry.name}"})
-        for frame in there:
+        for frame in frames:
             draft.files[f"frames/{frame.number:04d}/{entry.name}/poses.json"] = (task, poses_file(frame.number))
     if any(len(frame.camera_from_world) > 1 for frame in dataset.frames):
         names = tuple(camera.name for camera in dataset.cameras)
@@ -34,6 +34,6 @@ def _posed(draft: Draft, entry: CameraEntry, frame: Frame) -> PosedFrame:
 
 
 def _rig(names: tuple[str, ...], frame: Frame) -> RigFrame:
-    there = frame.camera_from_world
-    poses = tuple(matrix(np.array(there[name])) if name in there else None for name in names)
-    return RigFrame(number=frame.number, camera_from_world=poses)
+    poses = [frame.camera_from_world.get(name) for name in names]
+    plain = tuple(None if pose is None else matrix(np.array(pose)) for pose in poses)
+    return RigFrame(number=frame.number, camera_from_world=plain)

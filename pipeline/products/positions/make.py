@@ -28,58 +28,61 @@ _ROWS = 256
 
 
 def positions(params: Positions, inputs: Inputs, out: Path) -> None:
-    """Write positions.exr; and, for the task `truth`, what was traced on each plane: two arrays, if there is any."""
+    """Write positions.exr and, for the task `truth`, the traced positions on each plane, two arrays if there are any."""
     rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {
         "frame": "frame of the tangent plane, mm: x right, y up, z = 0",
         "extent": params.extent,
     }
     head |= {**dataclasses.asdict(params.sampling), **dataclasses.asdict(params.light)}
-    sensor, k = rig.tracer.camera.sensor, params.sampling.supersampling
+    sensor = rig.tracer.camera.sensor
+    k = params.sampling.supersampling
     shape = sensor.height_px * k, sensor.width_px * k
     parts = []
     for plane in params.planes:
-        wanted = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
+        to_trace = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
         pose = np.array(plane.vision_from_target)
-        traced = functools.partial(position_image, rig, pose, params.sampling, wanted)
-        rows = functools.partial(_kept, traced_files(plane.name, out), shape, wanted, traced)
+        trace = functools.partial(position_image, rig, pose, params.sampling, to_trace)
+        rows = functools.partial(_rows_also_kept, traced_files(plane.name, out), shape, to_trace, trace)
         parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
 
 
 def tiles(rig: Rig, points_mm: np.ndarray, supersampling: int) -> list[Tile]:
-    """Parts of the fine grid where images of points (p, 3) may lie, with room for the search."""
-    found = candidates(rig, points_mm)
-    centre = np.rint(fine_from_image(found.x_px, supersampling)).astype(int)
-    room = np.ceil(found.reach_px * supersampling).astype(int) + 2
+    """Parts of the fine grid where images of points (p, 3) may lie, with a margin for the search."""
+    guesses = candidates(rig, points_mm)
+    centre = np.rint(fine_from_image(guesses.x_px, supersampling)).astype(int)
+    reach = np.ceil(guesses.reach_px * supersampling).astype(int) + 2
     return [
         (slice(max(row - far, 0), max(row + far + 1, 0)), slice(max(column - far, 0), max(column + far + 1, 0)))
-        for (column, row), far in zip(centre.tolist(), room.tolist(), strict=True)
+        for (column, row), far in zip(centre.tolist(), reach.tolist(), strict=True)
     ]
 
 
-def is_wanted(wanted: list[Tile] | None, width: int, first: int, end: int) -> np.ndarray:
+def is_traced(tiles: list[Tile] | None, width: int, first: int, end: int) -> np.ndarray:
     """Mask of the positions to trace in rows [first, end) of the fine grid, (rows, width); all without tiles."""
-    mask = np.full((end - first, width), wanted is None)
-    for down, across in wanted or ():
+    mask = np.full((end - first, width), tiles is None)
+    for down, across in tiles or ():
         mask[max(down.start - first, 0) : max(down.stop - first, 0), across] = True
     return mask
 
 
 def traced_files(plane: str, folder: Path = Path()) -> tuple[Path, Path]:
-    """Files of the positions that were traced: places in the fine grid, row by row, (n,), and J there, (n, 2)."""
+    """Files of the positions that were traced: indices in the fine grid, row by row, (n,), and J there, (n, 2)."""
     return folder / f"{plane}.index.npy", folder / f"{plane}.traced.npy"
 
 
-def _kept(
-    files: tuple[Path, Path], shape: tuple[int, int], wanted: list[Tile] | None, traced: Rows, first: int, end: int
+def _rows_also_kept(
+    files: tuple[Path, Path], shape: tuple[int, int], tiles: list[Tile] | None, trace: Rows, first: int, end: int
 ) -> np.ndarray:
-    """Rows of a position image, whose traced positions are appended to the files."""
-    image, mask = traced(first, end), is_wanted(wanted, shape[1], first, end)
+    """Rows of a position image, whose traced positions are appended to the files, too."""
+    image = trace(first, end)
+    mask = is_traced(tiles, shape[1], first, end)
 
     def count() -> int:
+        """Number of positions in all rows, for the headers of the files."""
         bands = pairwise([*range(0, shape[0], _ROWS), shape[0]])
-        return sum(int(np.count_nonzero(is_wanted(wanted, shape[1], *band))) for band in bands)
+        return sum(int(np.count_nonzero(is_traced(tiles, shape[1], *band))) for band in bands)
 
     if mask.any():
         append_npy(files[0], np.flatnonzero(mask) + first * shape[1], count)
@@ -91,26 +94,27 @@ def position_image(
     rig: Rig,
     vision_from_target: np.ndarray,
     sampling: Sampling,
-    wanted: list[Tile] | None = None,
+    tiles: list[Tile] | None = None,
     *rows: int,
 ) -> np.ndarray:
-    """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN where not wanted.
+    """J on the infinite plane of a target, in the target frame, (K h, K w, 2) float32 [mm]; NaN outside the tiles.
 
-    `rows` are the first and end row of the fine grid, if not all are asked for.
+    `rows` are the first and end row of the fine grid; by default all.
     """
-    sensor, k = rig.tracer.camera.sensor, sampling.supersampling
+    sensor = rig.tracer.camera.sensor
+    k = sampling.supersampling
     first, end = rows or (0, sensor.height_px * k)
-    mask = is_wanted(wanted, sensor.width_px * k, first, end)
+    mask = is_traced(tiles, sensor.width_px * k, first, end)
     planes = np.stack([target_plane(vision_from_target), parallel_planes(1.0, 2.0)[0]])
     result = np.full((mask.size, 2), np.nan, np.float32)
     for piece in stretches(rig, k, first, end) if mask.any() else ():
-        is_traced = mask.ravel()[piece.index]
+        chosen = mask.ravel()[piece.index]
         arguments = (
-            piece.positions_mm[is_traced],
-            piece.microlens[is_traced],
+            piece.positions_mm[chosen],
+            piece.microlens[chosen],
             planes,
             sampling.samples,
-            piece.pixels[is_traced],
+            piece.pixels[chosen],
         )
-        result[piece.index[is_traced]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
+        result[piece.index[chosen]] = rig.tracer.moments(*arguments, rig.square_px)[:, :2]
     return result.reshape(*mask.shape, 2)

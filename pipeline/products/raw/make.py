@@ -29,7 +29,8 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
     roles = {name: f"image_{name}" if f"image_{name}" in inputs else "image" for name in response.channels}
     images = {name: np.load(inputs[role][light_file("image")], mmap_mode="r") for name, role in roles.items()}
     shape = next(iter(images.values())).shape
-    at_one, lens = _photons_at_one(params, inputs), transmission_of(inputs)
+    photons_at_one = _photons_at_one(params, inputs)
+    transmissions = transmission_of(inputs)
     shot = Shot(
         seed=params.seed,
         camera=params.camera,
@@ -39,25 +40,27 @@ def expose(params: Expose, inputs: Inputs, out: Path) -> None:
 
     def light(first: int, end: int) -> dict[str, np.ndarray]:
         pixels = {name: image[first:end].astype(float) for name, image in images.items()}
-        for name in lens.keys() & pixels.keys():
-            pixels[name] *= lens[name].relative_rows(first, end, shape[1])
+        for name in transmissions.keys() & pixels.keys():
+            pixels[name] *= transmissions[name].relative_rows(first, end, shape[1])
         return pixels
 
     def rows(first: int, end: int) -> np.ndarray:
-        around = _with_margin(light, shape[0], (first, end), response.margin_px)
-        photons = {name: at_one[name] * around[name] for name in response.channels}
+        padded = _with_margin(light, shape[0], (first, end), response.margin_px)
+        photons = {name: photons_at_one[name] * padded[name] for name in response.channels}
         return digital_numbers(response, photons, shot, (first, 0))
 
-    about = _about(params, at_one)
-    write_tiff(out / TIFF, shape, rows, about)
+    facts = _facts(params, photons_at_one)
+    write_tiff(out / TIFF, shape, rows, facts)
     numbers = mapped(out / TIFF)
-    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], about, _negative(params, inputs, at_one))
-    write_png(out / PREVIEW, _preview(numbers, response, at_one if params.irradiation.channels else None))
+    negative = _negative(params, inputs, photons_at_one)
+    write_dng(out / DNG, shape, lambda first, end: numbers[first:end], facts, negative)
+    write_png(out / PREVIEW, _preview(numbers, response, photons_at_one if params.irradiation.channels else None))
 
 
 def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
     """Mean number of photons in a pixel at relative irradiance 1, by channel."""
-    irradiation, response = params.irradiation, params.response
+    irradiation = params.irradiation
+    response = params.response
     if irradiation.channels:
         rates = {
             light.channel: photon_rate(focused_camera(inputs, f"camera_{light.channel}"), light)
@@ -70,12 +73,11 @@ def _photons_at_one(params: Expose, inputs: Inputs) -> dict[str, float]:
 
 
 def _negative(params: Expose, inputs: Inputs, photons_at_one: dict[str, float]) -> Negative:
-    """Facts for raw converters; colours of a mosaic of red, green and blue alone."""
-    colorimetries, response, lens = (
-        params.colorimetry,
-        params.response,
-        first_order(focused_camera(inputs).prescription),
-    )
+    """Facts for raw converters. Only a mosaic of red, green and blue has colours: the matrix from XYZ to the camera's
+    numbers for each illuminant, and the numbers of white.
+    """
+    response = params.response
+    lens = first_order(focused_camera(inputs).prescription)
     negative = Negative(
         model=params.camera,
         black_dn=response.black_level_dn,
@@ -87,11 +89,13 @@ def _negative(params: Expose, inputs: Inputs, photons_at_one: dict[str, float]) 
     )
     efficiency = zip(response.channels, response.quantum_efficiency, strict=True)
     electrons = {colour_of(name): photons_at_one[name] * share for name, share in efficiency}
-    if not colorimetries or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
+    if not params.colorimetry or electrons.keys() != set(PRIMARIES) or not all(electrons.values()):
         return negative
-    of_unit, from_xyz = np.array([electrons[colour] for colour in PRIMARIES]) / colorimetries[0].counted, {}
-    for colours in colorimetries:
-        white = of_unit * colours.counted
+    # Electrons are those of the first illuminant; of another one, white has as many as its counts say.
+    electrons_per_count = np.array([electrons[colour] for colour in PRIMARIES]) / params.colorimetry[0].counted
+    from_xyz = {}
+    for colours in params.colorimetry:
+        white = electrons_per_count * colours.counted
         from_xyz[colours.illuminant] = (white[:, None] / white.max() * np.linalg.inv(colours.xyz_from_rgb)).tolist()
     neutral = tuple(electrons[colour] / max(electrons.values()) for colour in PRIMARIES)
     return replace(negative, neutral=neutral, from_xyz=from_xyz)
@@ -102,13 +106,15 @@ def _with_margin(
 ) -> dict[str, np.ndarray]:
     """Channels of some rows and the pixels around them; beyond the border of the image its outermost pixels go on."""
     first, end = rows
-    low, high = max(0, first - margin), min(height, end + margin)
-    around = (low - first + margin, end + margin - high), (margin, margin)
-    return {name: np.pad(pixels, around, "edge") for name, pixels in light(low, high).items()}
+    low = max(0, first - margin)
+    high = min(height, end + margin)
+    missing = (low - first + margin, end + margin - high), (margin, margin)
+    return {name: np.pad(pixels, missing, "edge") for name, pixels in light(low, high).items()}
 
 
-def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
-    response, first = params.response, next(iter(photons_at_one.values()))
+def _facts(params: Expose, photons_at_one: dict[str, float]) -> Json:
+    """Facts about a raw image in its files."""
+    response = params.response
     return {
         "content": "raw digital numbers: black level + gain x electrons, rounded",
         "camera": params.camera,
@@ -122,18 +128,23 @@ def _about(params: Expose, photons_at_one: dict[str, float]) -> Json:
         "filters": list(response.filters),
         "quantum_efficiency": list(response.quantum_efficiency),
         "exposure_time_s": params.irradiation.exposure_time_s,
-        "photons_at_relative_irradiance_1": photons_at_one if params.irradiation.channels else first,
+        "photons_at_relative_irradiance_1": (
+            photons_at_one if params.irradiation.channels else next(iter(photons_at_one.values()))
+        ),
     }
 
 
 def _preview(numbers: np.ndarray, response: SensorResponse, photons: dict[str, float] | None) -> np.ndarray:
     """The numbers from black to white as sRGB, (h, w, 3) uint8; a mosaic of red, green and blue in colour."""
-    black, white = response.black_level_dn, max(float(response.white_dn), response.black_level_dn + 1.0)
+    black = response.black_level_dn
+    white = max(float(response.white_dn), black + 1.0)
 
     def picture(first: int, end: int) -> np.ndarray:
         if not has_colours(response):
             return srgb_preview(numbers[first:end] - black, white - black)
-        low, high = max(0, first - response.period_px), min(len(numbers), end + response.period_px)
+        # Colours are interpolated over a period of the mosaic.
+        low = max(0, first - response.period_px)
+        high = min(len(numbers), end + response.period_px)
         colours = in_colour(numbers[low:high], response, low, photons)[first - low : end - low]
         return np.stack([srgb_preview(channel, 1.0)[..., 0] for channel in np.moveaxis(colours, -1, 0)], axis=-1)
 

@@ -25,7 +25,10 @@ def plan_raw_images(draft: Draft) -> None:
 def _plan(draft: Draft, entry: CameraEntry) -> None:
     """Add the raw images of a camera in all frames, and their fixed pattern."""
     files = draft.files
-    name, response, irradiation, sensor = entry.name, entry.response, entry.irradiation, entry.asked.sensor
+    name = entry.name
+    response = entry.response
+    irradiation = entry.irradiation
+    sensor = entry.asked.sensor
     if response is None or irradiation is None:
         return
     of_cameras = {"camera": draft.camera(entry)}

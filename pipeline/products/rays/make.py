@@ -26,7 +26,8 @@ def rays_tile(params: RaysTile, inputs: Inputs, out: Path) -> None:
     rig = rig_of(inputs, params.sampling.seed)
     tracer = dataclasses.replace(rig.tracer, device=params.device)
     k = params.sampling.supersampling
-    height, width = (params.end_row - params.first_row) * k, tracer.camera.sensor.width_px * k
+    height = (params.end_row - params.first_row) * k
+    width = tracer.camera.sensor.width_px * k
     bundles = np.empty((height * width, WIDTH), np.float32)
     cells = np.empty(height * width, np.int32)
     covariance = np.empty((height * width, 10), np.float32)
@@ -34,34 +35,43 @@ def rays_tile(params: RaysTile, inputs: Inputs, out: Path) -> None:
         bundles[piece.index], covariance[piece.index] = traced(tracer, piece, params.sampling, params.square_px)
         cells[piece.index] = piece.microlens if rig.images else 0
     # For every pixel the bundle next to its centre keeps its second moments.
-    small = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
+    of_pixels = covariance.reshape(height, width, 10)[k // 2 :: k, k // 2 :: k]
     write_npy(out / "bundles.npy", bundles.reshape(height, width, WIDTH))
     write_npy(out / "cells.npy", cells.reshape(height, width))
-    write_npy(out / "covariance.npy", np.ascontiguousarray(small))
+    write_npy(out / "covariance.npy", np.ascontiguousarray(of_pixels))
 
 
 def traced(tracer: Tracer, piece: Stretch, sampling: Sampling, square_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Bundles (n, WIDTH) of positions, and second moments (n, 10), which are needed only next to a pixel's centre."""
-    camera, k, microlens = tracer.camera, sampling.supersampling, piece.microlens
+    camera = tracer.camera
+    k = sampling.supersampling
+    microlens = piece.microlens
     assert camera.near_mm is not None and camera.far_mm is not None
     planes = parallel_planes(camera.near_mm, camera.far_mm)
     moments = tracer.moments(piece.positions_mm, microlens, planes, sampling.samples, piece.pixels, square_px)
-    free = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
+    # Light of a bundle that nothing in the main lens blocks
+    unvignetted = moments[:, FREE_WEIGHT] if tracer.lattice is not None else tracer.reference_weight_sr
     bundles = np.empty((len(microlens), WIDTH))
-    bundles[:, NEAR], bundles[:, FAR] = moments[:, 0:2], moments[:, 2:4]
-    bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / free
+    bundles[:, NEAR] = moments[:, 0:2]
+    bundles[:, FAR] = moments[:, 2:4]
+    bundles[:, HIT_FRACTION] = moments[:, WEIGHT] / unvignetted
     bundles[:, ERROR_SQUARED] = moments[:, VARIANCE:COLUMNS]
     covariance = moments[:, COVARIANCE:WEIGHT]
     if square_px > 0:
         # Second moments are those of the bundle without its square.
-        kept = (piece.pixels % k == k // 2).all(axis=1)
-        points = piece.positions_mm[kept], microlens[kept], planes, sampling.samples, piece.pixels[kept]
-        covariance[kept] = tracer.moments(*points)[:, COVARIANCE:WEIGHT]
+        next_to_centre = (piece.pixels % k == k // 2).all(axis=1)
+        covariance[next_to_centre] = tracer.moments(
+            piece.positions_mm[next_to_centre],
+            microlens[next_to_centre],
+            planes,
+            sampling.samples,
+            piece.pixels[next_to_centre],
+        )[:, COVARIANCE:WEIGHT]
     return bundles, covariance
 
 
 Attributes = dict[str, str | float | int]
-"""What the header of a part says."""
+"""Header of a part of a file."""
 
 AXES = ("xn", "yn", "xf", "yf")
 MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
@@ -70,7 +80,8 @@ MOMENTS = tuple(f"{a}_{b}" for i, a in enumerate(AXES) for b in AXES[i:])
 
 def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     """All bundles of a camera, joined from tiles: rays.exr."""
-    tracer, k = tracer_alone(inputs, params.sampling.seed), params.sampling.supersampling
+    tracer = tracer_alone(inputs, params.sampling.seed)
+    k = params.sampling.supersampling
     near_mm, far_mm = tracer.camera.near_mm, tracer.camera.far_mm
     assert near_mm is not None and far_mm is not None
     bundles, cells, covariance = bundles_of(inputs, params.tiles)
@@ -82,7 +93,7 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
         **dataclasses.asdict(params.sampling),
         **dataclasses.asdict(params.light),
     }
-    kept = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
+    remark = "of the bundle from the point at fine position (x K + K // 2, y K + K // 2) of each pixel, mm^2"
 
     def error(first: int, end: int) -> np.ndarray:
         low, high = max(first - 1, 0), min(end + 1, bundles.shape[0])  # differences reach one row beyond a band
@@ -93,12 +104,12 @@ def rays(params: JoinedRays, inputs: Inputs, out: Path) -> None:
     def columns(channels: slice) -> Rows:
         return lambda first, end: bundles.rows(first, end)[..., channels]
 
-    fine, covariance_shape = bundles.shape[:2], covariance.shape[:2]
+    fine = bundles.shape[:2]
     light = slice(HIT_FRACTION, HIT_FRACTION + 1)
     parts = [
         _part("near", ("X", "Y"), fine, columns(NEAR), {**head, "plane_z_mm": near_mm}),
         _part("far", ("X", "Y"), fine, columns(FAR), {**head, "plane_z_mm": far_mm}),
-        _part("moments", MOMENTS, covariance_shape, covariance.rows, {**head, "kept": kept}),
+        _part("moments", MOMENTS, covariance.shape[:2], covariance.rows, {**head, "kept": remark}),
         _part("hit_fraction", ("Y",), fine, columns(light), head),
         _part("error", ("X", "Y"), fine, error, {**head, "unit": "px", "plane": "the worse of near and far"}),
     ]
@@ -126,9 +137,7 @@ def bundles_of(inputs: Inputs, tiles: int) -> tuple[StackedRows, StackedRows, St
 
 def error_of(bundles: np.ndarray, cells: np.ndarray, supersampling: int) -> np.ndarray:
     """Standard error of J from the ray sampling, on the worse of the two planes, (K h, K w, 2) [px]."""
-    squared, planes = bundles[..., ERROR_SQUARED], (NEAR, FAR)
-    errors = (
-        in_pixels(squared[..., part], jacobian(bundles[..., plane], cells), supersampling)
-        for part, plane in zip((slice(0, 2), slice(2, 4)), planes, strict=True)
-    )
-    return np.fmax(*errors)  # type: ignore[no-any-return]
+    squared_mm2 = bundles[..., ERROR_SQUARED]  # of x and y on the near plane, then on the far one
+    near_px = in_pixels(squared_mm2[..., 0:2], jacobian(bundles[..., NEAR], cells), supersampling)
+    far_px = in_pixels(squared_mm2[..., 2:4], jacobian(bundles[..., FAR], cells), supersampling)
+    return np.fmax(near_px, far_px)  # type: ignore[no-any-return]

@@ -62,8 +62,10 @@ class RayTiles(AnyRayGrid):
         return width, height
 
     def window(self, rows: slice, columns: slice) -> RayGrid:
+        """The rays of some pixels, with those of the fine grid between them."""
         k = self.supersampling
-        (first, end), across = (rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
+        first, end = rows.start * k, rows.stop * k
+        across = slice(columns.start * k, columns.stop * k)
         bundles = self._bundles.rows(first, end)[:, across]
         cell = np.zeros(bundles.shape[:2], np.int64)
         if self.centres_px is not None:
@@ -111,16 +113,17 @@ def truth(params: Truth, inputs: Inputs, out: Path) -> None:
 
 def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[str, list[Any]]]:
     """Notes about the targets, and the columns of the rows of all of them, or of the points of a tile."""
-    table, view, settings = params.table, params.view, params.table.settings
+    table = params.table
+    settings = table.settings
+    view = params.view
     assert view is not None
     rig = rig_of(inputs, table.seed, params.square_px)
     rays = RayTiles(inputs) if settings.searches else None
     columns: dict[str, list[Any]] = {name: [] for name in column_order(table)}
     notes = []
-    entries = sorted(view.targets, key=lambda entry: entry.name)
-    ordered, size_px = dataclasses.replace(view, targets=tuple(entries)), rig.tracer.camera.sensor.size_px
-    around = surroundings_at(ordered, table.shutter, size_px)
-    for number, entry in enumerate(entries):
+    ordered = dataclasses.replace(view, targets=tuple(sorted(view.targets, key=lambda entry: entry.name)))
+    around = surroundings_at(ordered, table.shutter, rig.tracer.camera.sensor.size_px)
+    for number, entry in enumerate(ordered.targets):
         name = entry.name
         if params.points is not None and name not in params.points:
             continue
@@ -150,13 +153,22 @@ def target_rows(params: Truth, inputs: Inputs) -> tuple[list[TargetNote], dict[s
             sets.append(positions_of.note)
         for column, values in rows.items():
             columns[column].extend(values)
-        away, sag = int(np.sum(~faces_camera(posed.planes[in_tile]))), largest_sag_mm(truth, points)
-        pairs, axes = truth.unsolved, slice(2 if rig.images else 0)
-        names = tuple(map(tuple, np.column_stack([pairs[:, 0], rig.axial[pairs[:, 1], axes]]).tolist()))
-        notes.append(
-            TargetNote(target=name, counts=truth.counts, away=away, sag_mm=sag, sets=tuple(sets), unsolved=names)
+        note = TargetNote(
+            target=name,
+            counts=truth.counts,
+            away=int(np.sum(~faces_camera(posed.planes[in_tile]))),
+            sag_mm=largest_sag_mm(truth, points),
+            sets=tuple(sets),
+            unsolved=_names_of(truth.unsolved, rig),
         )
+        notes.append(note)
     return notes, columns
+
+
+def _names_of(unsolved: np.ndarray, rig: Rig) -> tuple[tuple[int, ...], ...]:
+    """Point of each unsolved row and, behind microlenses, k and l; `unsolved` are pairs of point and cell, (n, 2)."""
+    axial = rig.axial[unsolved[:, 1], : 2 if rig.images else 0]
+    return tuple(map(tuple, np.column_stack([unsolved[:, 0], axial]).tolist()))
 
 
 def joined(inputs: Inputs, tiles: int) -> tuple[list[TargetNote], dict[str, list[Any]]]:
@@ -189,11 +201,12 @@ def _traced(
     files: dict[str, Path], target: str, planes: int, number: int, pose: np.ndarray, rays: RayGrid
 ) -> np.ndarray:
     """J on a tangent plane as task `positions` traced it, for rows as wide as the image; NaN elsewhere."""
-    (rows, columns), places = rays.fine, [file.name for file in traced_files(plane_name(target, number, planes))]
+    rows, columns = rays.fine
+    index_file, traced_file = (file.name for file in traced_files(plane_name(target, number, planes)))
     width = columns.stop - columns.start
     image = np.full(((rows.stop - rows.start) * width, 2), np.nan)
-    if places[0] in files:  # else nothing of it is in the image
-        index, traced = (np.load(files[output], mmap_mode="r") for output in places)
+    if index_file in files:  # else nothing of it is in the image
+        index, traced = (np.load(files[output], mmap_mode="r") for output in (index_file, traced_file))
         low, high = np.searchsorted(index, (rows.start * width, rows.stop * width))
         image[index[low:high] - rows.start * width] = traced[low:high]
     return image.reshape(-1, width, 2)

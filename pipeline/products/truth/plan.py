@@ -19,7 +19,10 @@ def plan_truth(draft: Draft) -> None:
 
 
 def _truth(draft: Draft, entry: CameraEntry, frame: Frame, sizes: dict[str, int]) -> str:
-    name, table, reads = f"{entry.full_name}/{frame.number:04d}", _table(entry, frame), _reads(draft, entry, frame)
+    """Add the tasks of a table, in tiles if it is large; name of the last one."""
+    name = f"{entry.full_name}/{frame.number:04d}"
+    table = _table(entry, frame)
+    reads = _reads(draft, entry, frame)
     # Only the saddle of a blurred corner depends on colours.
     things = draft.painted if "saddle" in entry.truth.column_sets else draft.bare
     view = PlacedView(
@@ -35,6 +38,9 @@ def _truth(draft: Draft, entry: CameraEntry, frame: Frame, sizes: dict[str, int]
 
 
 def _reads(draft: Draft, entry: CameraEntry, frame: Frame) -> dict[str, str]:
+    """Role and task of the inputs of a table: the camera and, for a search, its bundles, micro-images and position
+    images.
+    """
     reads = {"camera": draft.camera(entry)}
     if entry.truth.searches:
         reads["rays"] = rays = f"rays/{entry.full_name}"

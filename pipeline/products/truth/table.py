@@ -33,9 +33,9 @@ CHANNEL = "channel"
 
 def column_order(table: TruthTable) -> list[str]:
     """Names of all columns that the stage asks for, in order."""
-    settings, after = table.settings, COLUMNS.index("camera") + 1
+    after = COLUMNS.index("camera") + 1
     channel = [] if table.channel is None else [CHANNEL]
-    sets = (name for column_set in settings.column_sets for name in column_names(column_set))
+    sets = (name for column_set in table.settings.column_sets for name in column_names(column_set))
     time = TIME if table.shutter else ()
     return [*COLUMNS[:after], *channel, *COLUMNS[after:], *time, *sets]
 
@@ -78,7 +78,8 @@ class PosedPoints:
 
 def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspondences, visibility: np.ndarray) -> Json:
     """Columns of one target, but those of the sets that the stage asks for besides."""
-    solutions, lattice = truth.solutions, rig.tracer.lattice
+    solutions = truth.solutions
+    lattice = rig.tracer.lattice
     rows = len(solutions.point)
     microlens = [[None] * rows] * 3
     if lattice is not None:
@@ -110,14 +111,14 @@ def columns_of(table: TruthTable, posed: PosedPoints, rig: Rig, truth: Correspon
 
 
 def time_columns(rig: Rig, solutions: Solutions, planes: Planes) -> Json:
-    """Columns of the time of rows, and of where their points are then if they move."""
+    """Columns of the time of rows, and of the positions of their points at that time if they move."""
     time = time_of_rows(rig, planes, solutions)
     motion = time.motion_px2
     values = (time.middle_s, motion[:, 0, 0], motion[:, 0, 1], motion[:, 1, 1], time.lines)
     columns: Json = dict(zip(TIME, values, strict=True))
     if planes.moves:
-        places = planes.middle(solutions.point, solutions.xy_px)[:, 0]
-        columns |= dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), places.T, strict=True))
+        points_mm = planes.middle(solutions.point, solutions.xy_px)[:, 0]
+        columns |= dict(zip(("camera_x_mm", "camera_y_mm", "camera_z_mm"), points_mm.T, strict=True))
     return columns
 
 
@@ -165,14 +166,15 @@ class TargetNote:
             counts={name: count + other.counts[name] for name, count in self.counts.items()},
             away=self.away + other.away,
             sag_mm=max(self.sag_mm, other.sag_mm),
-            sets=tuple(mine.joined(theirs) for mine, theirs in zip(self.sets, other.sets, strict=True)),
+            sets=tuple(first.joined(second) for first, second in zip(self.sets, other.sets, strict=True)),
             unsolved=self.unsolved + other.unsolved,
         )
 
 
 def header_of(table: TruthTable, supersampling: int | None, camera: Camera) -> list[str]:
     """Comment lines of a table, without those about its targets; no supersampling K without position images."""
-    settings, light = table.settings, table.light
+    settings = table.settings
+    light = table.light
     empty = "" if camera.microlenses else "microlens_k, microlens_l, microlens_type (a conventional camera); "
     claim = "none" if settings.claim_px is None else f"{settings.claim_px} px"
     channel = [] if table.channel is None else [table.channel.text]
