@@ -95,11 +95,14 @@ class PixelRays:
 
     @property
     def nearest_point_mm(self) -> np.ndarray:
-        """Point with the least sum of squared distances from the rays that carry light, (3,)."""
+        """Point p with the least sum of squared distances from the rays o + t d that carry light, (3,).
+
+        It solves the normal equations (sum P) p = sum P o with P = 1 - d d^T, the projection across a ray.
+        """
         is_lit = np.isfinite(self.direction).all(axis=1)
-        direction, origin_mm = self.direction[is_lit], self.origin_mm[is_lit]
+        direction = self.direction[is_lit]
         across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
-        return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, origin_mm))
+        return np.linalg.solve(across.sum(axis=0), np.einsum("nij,nj->i", across, self.origin_mm[is_lit]))
 
 
 @dataclass(eq=False)
@@ -120,6 +123,6 @@ class SeenScene:
         `only`: name of the only target that counts.
         """
         view = frame, body_and_channel(camera)[0], only
-        if self._last is None or self._last[0] != view:  # a band of rows follows another of the same view
+        if self._last is None or self._last[0] != view:  # bands of rows of one view are asked for in turn
             self._last = view, self.around(*view)
         return self._last[1].distance_mm(origin_mm, direction)

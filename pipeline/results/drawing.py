@@ -98,7 +98,8 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     film = end - array.distance_mm
     start = end + 0.05 * width - width
     centre = _height(camera, 0.0)
-    low, high = centre - width, centre + width
+    low = centre - width
+    high = centre + width
     sheet = _Sheet(start + _MARGIN_PX / scale, scale, _INSET_PX / 2 + centre * scale)
     sheet.area([(start, low), (end + width, low), (end + width, high), (start, high)], "#fbfbfb")
     sheet.line([(start, 0.0), (end + width, 0.0)], "#888888", 0.6, dashes="8 3 2 3")
@@ -111,9 +112,10 @@ def _inset(camera: Camera, array: MicrolensArray, left: float, top_px: float) ->
     else:
         half = float(cell(array)[:, 1].max())
     vertices = lattice(array)
-    x, y_all = _about_axis(camera, vertices)
-    rows = y_all[np.abs(x) <= array.pitch_mm]
-    for y in np.unique(rows[np.abs(rows - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
+    # A microlens is drawn at each height at which one stands near the vertical plane.
+    x, heights = _about_axis(camera, vertices)
+    near_plane = heights[np.abs(x) <= array.pitch_mm]
+    for y in np.unique(near_plane[np.abs(near_plane - centre) < _INSET_LENSES * array.pitch_mm].round(6)).tolist():
         row = _row_at(camera, vertices, y)
         bulge = 0.12 * array.pitch_mm
         sheet.area([(film, y + half), (film - bulge, y), (film, y - half), (film + bulge, y)], "#dcc9e8")
@@ -143,21 +145,21 @@ def bundle(camera: Camera, field: float, left_mm: float, count: int = _RAYS) -> 
     reach = 1.5 * camera.prescription.surfaces[0].semi_diameter_mm
     offsets = np.linspace(-reach, reach, _FAN)
     for _ in range(2):
-        start, ways = _fan(*central, offsets, _in_focus(camera))
-        x, y, passes, out = _trace(camera.prescription, start, ways)
-        passing = np.flatnonzero(passes)
-        if not passing.size:
+        start, directions = _fan(*central, offsets, _in_focus(camera))
+        x, y, passes, slopes = _trace(camera.prescription, start, directions)
+        indices = np.flatnonzero(passes)
+        if not indices.size:
             return []
         step = offsets[1] - offsets[0]
-        ends = offsets[passing[[0, -1]]]
+        ends = offsets[indices[[0, -1]]]
         offsets = np.linspace(ends[0] - step, ends[1] + step, _FAN)
-    # Draw some of them from the edge of the drawing to the sensor.
-    chosen = passing[np.round(np.linspace(0, passing.size - 1, count)).astype(int)]
+    # Draw `count` of those that pass from the edge of the drawing to the sensor.
+    chosen = indices[np.round(np.linspace(0, indices.size - 1, count)).astype(int)]
     rays = []
     for i in dict.fromkeys(chosen.tolist()):
         points = list(zip(x[1:, i].tolist(), y[1:, i].tolist(), strict=True))
-        first = _entry(points[0], ways[i].tolist(), left_mm, _half_height(camera))
-        rays.append([first, *points, *_behind(camera, points[-1], float(out[i]))])
+        first = _entry(points[0], directions[i].tolist(), left_mm, _half_height(camera))
+        rays.append([first, *points, *_behind(camera, points[-1], float(slopes[i]))])
     return rays
 
 
@@ -173,10 +175,12 @@ def _central_ray(camera: Camera, height_mm: float) -> tuple[np.ndarray, np.ndarr
     on_sensor = camera.in_vision(np.array([[0.0, -height_mm, -camera.sensor_distance_mm]]))
     starts = np.tile(on_sensor, (_FAN, 1))
     position, direction, passes = trace(table, starts, directions_to(table, starts, np.stack([0 * aim, aim], axis=1)))
-    passing = np.flatnonzero(passes)
-    if not passing.size:
+    indices = np.flatnonzero(passes)
+    if not indices.size:
         return None
-    (_, y, z), (_, dy, dz) = (rays[passing[passing.size // 2]].tolist() for rays in (position, direction))
+    middle = indices[indices.size // 2]
+    _, y, z = position[middle].tolist()
+    _, dy, dz = direction[middle].tolist()
     return np.array([-z, -y]), np.array([dz, dy])
 
 
@@ -199,22 +203,24 @@ def _fan(
     The object point lies in the plane in focus. On steep rays it is at most twice as far away as that plane; for an
     infinite distance the rays are parallel.
     """
-    distance, leaning = in_focus
+    distance, slope = in_focus
     points = entry + offsets[:, None] * np.array([-along[1], along[0]])
     if math.isinf(distance):
         return points, np.tile(along, (len(points), 1))
-    away = (distance + entry[0] - leaning * entry[1]) / max(along[0] - leaning * along[1], 0.5)
+    # The central ray, followed back from its entry, meets the plane x = slope y - distance after `away`.
+    away = (distance + entry[0] - slope * entry[1]) / max(along[0] - slope * along[1], 0.5)
     directions = points - (entry - away * along)
     return points, directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
 def _entry(first: tuple[float, float], direction: list[float], left_mm: float, limit_mm: float) -> tuple[float, float]:
     """Point at which a ray to the lens enters the drawing: through its left side, or from above or below."""
-    (x, y), (along, across) = first, direction
-    ahead = (x - left_mm) / along if along > 0 else math.inf
+    x, y = first
+    along, across = direction
+    back = (x - left_mm) / along if along > 0 else math.inf
     if across:
-        ahead = min(ahead, (y + math.copysign(limit_mm, across)) / across)
-    return x - ahead * along, y - ahead * across
+        back = min(back, (y + math.copysign(limit_mm, across)) / across)
+    return x - back * along, y - back * across
 
 
 def _trace(
@@ -228,8 +234,9 @@ def _trace(
 
 def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     """The ray behind the lens: to the sensor, through the microlens of the cell that it meets, drawn as a thin one."""
-    (x, y), further = _turned(camera, [last, (last[0] + 1.0, last[1] + slope)], -1)
-    slope = (further[1] - y) / (further[0] - x)
+    # The ray relative to the sensor, as if that stood upright
+    (x, y), next_point = _turned(camera, [last, (last[0] + 1.0, last[1] + slope)], -1)
+    slope = (next_point[1] - y) / (next_point[0] - x)
     array = camera.microlenses
     if array is None:
         return _turned(camera, [(camera.sensor_distance_mm, y + slope * (camera.sensor_distance_mm - x))])
@@ -243,12 +250,12 @@ def _behind(camera: Camera, last: tuple[float, float], slope: float) -> Points:
     return _turned(camera, ends)
 
 
-def _turned(camera: Camera, points: Points, back: int = 1) -> Points:
-    """Points given for an upright sensor, turned with the tilted sensor, or `back`: -1.
+def _turned(camera: Camera, points: Points, sign: int = 1) -> Points:
+    """Points given for an upright sensor, turned with the tilted sensor; with `sign` -1 turned back.
 
     A tilt about y moves none of them: y of the film stays in the vertical plane.
     """
-    angle = back * math.radians(camera.sensor.tilt_deg[0])
+    angle = sign * math.radians(camera.sensor.tilt_deg[0])
     end = camera.sensor_distance_mm
     sine, cosine = math.sin(angle), math.cos(angle)
     return [(end + cosine * (x - end) + sine * y, cosine * y - sine * (x - end)) for x, y in points]
@@ -291,6 +298,7 @@ def _height(camera: Camera, field: float) -> float:
 
 
 def _half_height(camera: Camera) -> float:
+    """Half the height of the drawing: a little more than the largest surface or the edge of the sensor."""
     return 1.12 * max([abs(_height(camera, 1.0)), *(s.semi_diameter_mm for s in camera.prescription.surfaces)])
 
 
@@ -301,7 +309,8 @@ def _rear(camera: Camera) -> tuple[np.ndarray, int]:
 
 def _lit_height(camera: Camera, field: float) -> float:
     """`_height`, with the rim of the image circle in place of the edge of the sensor where that is dark."""
-    centre, edge = _height(camera, 0.0), _height(camera, 1.0)
+    centre = _height(camera, 0.0)
+    edge = _height(camera, 1.0)
     ends = np.array([[0.0, -height, -camera.sensor_distance_mm] for height in (0.0, edge)])
     share = lit_share(*_rear(camera), *camera.in_vision(ends))
     return centre + field * ((edge if share == 1 else _RIM * share * edge) - centre)

@@ -101,6 +101,7 @@ def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path
 
 
 def _entry(cameras: Iterable[CameraEntry], name: str | None, path: Path) -> CameraEntry:
+    """The camera or channel of this name, by default the only one; UsageError if there is none, or several."""
     entries = {entry.full_name: entry for camera in cameras for entry in camera.in_channels}
     if name is None and len(entries) == 1:
         return next(iter(entries.values()))

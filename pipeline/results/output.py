@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Named(dict[str, Any]):
-    """Things by name; a wrong name is told with those that there are, and only these are printed."""
+    """Things by name; the error about a wrong name lists the right ones, and only names are printed."""
 
     def __missing__(self, name: Any) -> Any:
         raise KeyError(f"{name!r} is none of {', '.join(self)}")
@@ -59,8 +59,8 @@ class Output:
         if camera is not None and camera not in self.cameras:
             hint = did_you_mean(camera, self.cameras) or f"its cameras: {', '.join(self.cameras)}"
             raise UsageError(f"{self.path} has no camera {camera!r}", hint=hint)
-        several = self.cameras.values() if camera is None else [self.cameras[camera]]
-        views = [view for each in several for view in each.views if view.frame == frame]
+        cameras = self.cameras.values() if camera is None else [self.cameras[camera]]
+        views = [view for entry in cameras for view in entry.views if view.frame == frame]
         if len(views) > 1:
             names = ", ".join(view.camera for view in views)
             raise UsageError(f"{self.path} has {len(views)} cameras in frame {frame}", hint=f"choose: {names}")
@@ -132,9 +132,11 @@ def _in_channels(folder: BuiltFolder, name: str) -> list[str]:
 
 
 def _camera(folder: BuiltFolder, name: str, frames: tuple[int, ...], exposed: Set[tuple[str, str]]) -> BuiltCamera:
+    """A camera or channel with a view of each frame for which the build made files."""
     body = body_and_channel(name)[0]
     record = folder.record(f"cameras/{body}/camera.json")
-    (width, height), is_plenoptic = record["resolution"], "mla" in record
+    width, height = record["resolution"]
+    is_plenoptic = "mla" in record
     views = (
         BuiltView(camera=name, frame=frame, is_plenoptic=is_plenoptic, size_px=(width, height), _folder=folder)
         for frame in frames

@@ -40,7 +40,7 @@ _LEAST_PX = 1e-9
 """Finest accuracy that can be requested [px]: below it, double precision rounds."""
 POINT = "point"
 """Name of the point's own coordinates among the parameters of derivatives."""
-_SHARE_OF_WAY = 1e-5
+_SHARE_OF_DISTANCE = 1e-5
 """Step of points for finite differences, as a share of their distance [1]."""
 _PLANES_FOCAL_LENGTHS = (10.0, 20.0)
 """Distances of the two planes of rays in focal lengths [1], for a camera that is not focused: any two will do."""
@@ -130,19 +130,18 @@ class ReadyCamera:
         planes[:, 1:] = _axes(_FRONT if moving is not None and normals is None else normals, len(points))
         of_points = Planes(planes) if moving is None else self._moving(planes, moving)
         planes, _ = planes_at_own_times(self.rig, of_points, slice(None))
+        # A point is without light until a guess finds it, outside until a solution is in the image, and dark until
+        # enough light reaches it there.
         fates = np.array([Fate.NO_LIGHT if faces else Fate.AWAY for faces in faces_camera(planes)], dtype=object)
         fates[~pupil_fan(self.camera.prescription).may_see(planes[:, 0])] = Fate.BEHIND
-        open_ = np.flatnonzero(fates == Fate.NO_LIGHT)
-        guess, _ = guesses(self.rig, planes[open_])
-        guess = Guess(open_[guess.point], guess.cell, guess.x_px)
+        to_guess = np.flatnonzero(fates == Fate.NO_LIGHT)
+        guess, _ = guesses(self.rig, planes[to_guess])
+        guess = Guess(to_guess[guess.point], guess.cell, guess.x_px)
         truth = solve(self.rig, guess, of_points, self._accuracy(accuracy_px), 0.0)
         is_lit = truth.hit_fraction >= self.min_hit_fraction
-        for points_there, fate in (
-            (guess.point, Fate.OUTSIDE),
-            (truth.solutions.point, Fate.DARK),
-            (truth.solutions.point[is_lit], Fate.SEEN),
-        ):
-            fates[points_there] = fate
+        fates[guess.point] = Fate.OUTSIDE
+        fates[truth.solutions.point] = Fate.DARK
+        fates[truth.solutions.point[is_lit]] = Fate.SEEN
         rows = truth.only(is_lit)
         lattice = self.rig.tracer.lattice
         solutions = rows.solutions
@@ -167,9 +166,9 @@ class ReadyCamera:
         self, rows: Solutions, planes: np.ndarray, names: Sequence[str], *, with_blur: bool
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         """Derivatives of positions and, if requested, of blur by parameters, (n, 2) and (n, 2, 2) or (..., k)."""
-        on = Planes(planes)
+        still_planes = Planes(planes)
         variations = list[Variation]()
-        ends = list[tuple[str, int]]()
+        ends = list[tuple[str, int]]()  # of each name's variations
         for name in dict.fromkeys(names):
             if name == POINT:
                 variations += [_shifted(self.rig.tracer, planes, axis) for axis in range(3)]
@@ -179,25 +178,31 @@ class ReadyCamera:
                 )
             else:
                 for number in self.vary(name):
-                    sides = (Neighbour(self.rig.tracer.next_to(end), on) for end in (number.less, number.more))
-                    variations.append(Variation(number.step, *sides))
+                    less, more = (
+                        Neighbour(self.rig.tracer.next_to(camera), still_planes)
+                        for camera in (number.less, number.more)
+                    )
+                    variations.append(Variation(number.step, less, more))
             ends.append((name, len(variations)))
         if not variations:
             return {}, {}
-        solved = SolvedRows(rows.point, rows.cell, rows.xy_px, on)
+        solved = SolvedRows(rows.point, rows.cell, rows.xy_px, still_planes)
         rates = row_derivatives(self.rig, solved, variations, with_blur=with_blur)
 
         def by_name(rates: np.ndarray) -> dict[str, np.ndarray]:
+            """Rates by variation, (n, v, …), as one array for each name, (n, …) or (n, …, k)."""
             result = {}
             first = 0
             for name, end in ends:
-                several = np.moveaxis(rates[:, first:end], 1, -1)
-                result[name], first = several if end - first > 1 else several[..., 0], end
+                its_rates = np.moveaxis(rates[:, first:end], 1, -1)
+                result[name] = its_rates if end - first > 1 else its_rates[..., 0]
+                first = end
             return result
 
         return by_name(rates.x_px), {} if rates.blur_px2 is None else by_name(rates.blur_px2)
 
     def _moving(self, planes: np.ndarray, moving: Motion | Callable[[float], np.ndarray]) -> Planes:
+        """Planes of points that move while the shutter is open; CameraError without one."""
         if self.shutter is None:
             hint = "give points where they are at the time code, or plen:shutter:* to the camera"
             raise CameraError(f"{self.name or 'the camera'} has no shutter, so a frame is an instant", hint=hint)
@@ -211,7 +216,8 @@ class ReadyCamera:
         `x_px`, `y_px`: (n,); (0, 0) is the centre of the top-left pixel; positions between pixels are allowed.
         Raises CameraError: an argument holds no such numbers.
         """
-        x, y = _numbers("x_px", x_px), _numbers("y_px", y_px)
+        x = _numbers("x_px", x_px)
+        y = _numbers("y_px", y_px)
         if len(x) != len(y) and 1 not in (len(x), len(y)):
             raise CameraError(f"{len(x)} x_px have {len(y)} y_px", hint="as many of both, or one for all")
         x, y = np.broadcast_arrays(x, y)
@@ -220,7 +226,7 @@ class ReadyCamera:
         planes = planes_of_rays(self.rig, xy_px, (near_mm, far_mm))
         mean = mean_rays(self.rig, xy_px, planes, self._accuracy(accuracy_px))
         near, far = mean.crossings_mm[:, 0], mean.crossings_mm[:, 1]
-        if np.array_equal(planes[:, 0, 3, 2], np.ones(len(x))):
+        if np.array_equal(planes[:, 0, 3, 2], np.ones(len(x))):  # all planes are perpendicular to the axis
             slope = (far - near) / (far_mm - near_mm)
             direction = np.column_stack([slope, np.ones(len(x))])
             origin = np.column_stack([near - near_mm * slope, np.zeros(len(x))])
@@ -281,29 +287,32 @@ class ReadyCamera:
         first, second = (self._front_mm + times * efl_mm for times in _PLANES_FOCAL_LENGTHS)
         return first, second
 
-    def _accuracy(self, asked_px: float | None) -> float:
-        return self.accuracy_px if asked_px is None else number("accuracy_px", asked_px, CameraError, _LEAST_PX, 1.0)
+    def _accuracy(self, accuracy_px: float | None) -> float:
+        """The requested accuracy [px], by default that of the camera."""
+        if accuracy_px is None:
+            return self.accuracy_px
+        return number("accuracy_px", accuracy_px, CameraError, _LEAST_PX, 1.0)
 
 
 def _shifted(tracer: Tracer, planes: np.ndarray, axis: int) -> Variation:
     """Points displaced a little backwards and forwards along an axis, with their tangent planes."""
-    step = _SHARE_OF_WAY * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
+    step = _SHARE_OF_DISTANCE * float(np.abs(planes[:, 0, 2]).max(initial=1.0))
     shift = np.zeros((4, 3))
     shift[0, axis] = step
     return Variation(step, *(Neighbour(tracer, Planes(planes + side * shift)) for side in (-1, 1)))
 
 
-def _numbers(name: str, given: Any, columns: int | None = None) -> np.ndarray:
+def _numbers(name: str, argument: Any, columns: int | None = None) -> np.ndarray:
     """Finite float64 (n,), or (n, columns); one number or one point becomes an array of length one."""
     try:
-        values = np.atleast_1d(np.asarray(given, dtype=np.float64))
+        values = np.atleast_1d(np.asarray(argument, dtype=np.float64))
     except (TypeError, ValueError):
         raise CameraError(f"{name} holds values that are not numbers") from None
     if columns is not None:
         values = np.atleast_2d(values)
     if values.ndim != (1 if columns is None else 2) or (columns is not None and values.shape[1] != columns):
-        wanted = "(n,)" if columns is None else f"(n, {columns})"
-        raise CameraError(f"{name} has the shape {values.shape}", hint=f"it has to be {wanted}")
+        shape = "(n,)" if columns is None else f"(n, {columns})"
+        raise CameraError(f"{name} has the shape {values.shape}", hint=f"it has to be {shape}")
     if not np.isfinite(values).all():
         raise CameraError(f"{name} holds numbers that are not finite", hint="leave them out, or mend them")
     return values
@@ -313,9 +322,9 @@ def _axes(normals: ArrayLike | None, count: int) -> np.ndarray:
     """Axes of tangent planes by rows, (count, 3, 3) or (3, 3): first, second, normal."""
     if normals is None:
         return _FACING
-    given = _numbers("normals", normals, 3)
-    if not given.any(axis=1).all():
+    vectors = _numbers("normals", normals, 3)
+    if not vectors.any(axis=1).all():
         raise CameraError("a normal has no direction", hint="normals are vectors of any length but 0")
-    if len(given) not in (1, count):
-        raise CameraError(f"{count} points have {len(given)} normals", hint="one for all, or one for each")
-    return axes_across(np.broadcast_to(given, (count, 3)))
+    if len(vectors) not in (1, count):
+        raise CameraError(f"{count} points have {len(vectors)} normals", hint="one for all, or one for each")
+    return axes_across(np.broadcast_to(vectors, (count, 3)))

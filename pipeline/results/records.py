@@ -85,6 +85,7 @@ def finished_folder(out: str | Path) -> BuiltFolder:
 
 
 def _reason(data: bytes | None) -> str:
+    """Reason why the bytes of a manifest are not those of a finished build."""
     if data is None:
         return "it has no manifest.json"
     try:
@@ -141,8 +142,8 @@ class BuiltPinhole:
 
     def projected(self, points_mm: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Image positions of points of the pinhole's frame, (n, 2) [px]; `cv2.projectPoints`."""
-        bent = distorted(self.distortion, *(points_mm[:, :2] / points_mm[:, 2:]).T)
-        return np.stack(bent, axis=1) * self.principal_distance_px + self.principal_point_px
+        uv = distorted(self.distortion, *(points_mm[:, :2] / points_mm[:, 2:]).T)
+        return np.stack(uv, axis=1) * self.principal_distance_px + self.principal_point_px
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -185,7 +186,8 @@ class BuiltView:
     @cached_property
     def poses(self) -> BuiltPoses:
         record = self._folder.record(f"frames/{self.frame:04d}/{body_and_channel(self.camera)[0]}/poses.json")
-        targets, pinhole = record["targets"], record["pinhole"]
+        targets = record["targets"]
+        pinhole = record["pinhole"]
         from_target = {name: pose["pinhole"] for name, pose in targets.items() if pose["pinhole"]}
         return BuiltPoses(
             camera_from_world=np.array(record["camera_from_world"]),
@@ -254,10 +256,11 @@ class BuiltCamera:
     @property
     def shutter(self) -> Shutter | None:
         """Exposure times of its lines; None where a frame is an instant."""
-        if (says := self.record.get("shutter")) is None:
+        plain = self.record.get("shutter")
+        if plain is None:
             return None
-        times = {"opens_s": says["opens_s"], "line_s": says["line_offset_s"], "exposure_s": says["exposure_s"]}
-        return Shutter(scan_order=says["scan_order"], **times)
+        times = {"opens_s": plain["opens_s"], "line_s": plain["line_offset_s"], "exposure_s": plain["exposure_s"]}
+        return Shutter(scan_order=plain["scan_order"], **times)
 
     @property
     def pitch_mm(self) -> float:

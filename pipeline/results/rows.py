@@ -48,7 +48,7 @@ def _column(table: Table, name: str) -> np.ndarray:
     return np.array(cells, dtype=np.int64)
 
 
-_SHOWN = 8
+_FIRST_ROWS = 8
 """Rows shown in a notebook: enough to see what a table holds."""
 _WIDTH_IN = 8.0
 """Width of a plot [inch]: that of a notebook page."""
@@ -111,16 +111,18 @@ class CorrespondenceRows(np.recarray):
             sheet.plot(x, y, "+", color=colour, markersize=5, label=f"{kind}: {len(x)}")
         if size_px:
             sheet.set(xlim=(-0.5, size_px[0] - 0.5), ylim=(size_px[1] - 0.5, -0.5))
-        when = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
-        sheet.set(aspect="equal", xlabel="x [px]", ylabel="y [px]", title=f"{name}, {when}: {len(rows)} rows")
+        title = f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames"
+        sheet.set(aspect="equal", xlabel="x [px]", ylabel="y [px]", title=f"{name}, {title}: {len(rows)} rows")
         sheet.legend(loc="upper right", fontsize="small")
         return sheet
 
     def _repr_html_(self) -> str:
         """The first rows, for a notebook."""
         names = self.dtype.names or ()
-        more = f", the first {_SHOWN}" if len(self) > _SHOWN else ""
-        return html_table(names, (row.item() for row in self[:_SHOWN]), f"{len(self):,} rows of correspondences{more}")
+        more = f", the first {_FIRST_ROWS}" if len(self) > _FIRST_ROWS else ""
+        return html_table(
+            names, (row.item() for row in self[:_FIRST_ROWS]), f"{len(self):,} rows of correspondences{more}"
+        )
 
     def _of_camera(self, camera: str | None) -> "CorrespondenceRows":
         if not len(self):

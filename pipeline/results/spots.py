@@ -124,17 +124,18 @@ def spots(camera: Camera, bundles: list[FieldBundle]) -> tuple[Spot, ...]:
 
 
 def _spot(field: FieldBundle, distance_mm: float) -> Spot:
-    shown = field.spot(distance_mm)
+    """The spot of a field position at a distance, and its rms radius; None without light."""
+    displacements = field.spot(distance_mm)
     rms = None
-    if len(shown) and np.isfinite(shown).all():
-        rms = float(np.sqrt(np.average((shown**2).sum(axis=1), weights=field.bundle.weight_sr)))
+    if len(displacements) and np.isfinite(displacements).all():
+        rms = float(np.sqrt(np.average((displacements**2).sum(axis=1), weights=field.bundle.weight_sr)))
     return Spot(
         place=field.name,
         x_px=field.x_px,
         y_px=field.y_px,
         distance_mm=distance_mm,
-        dx_px=drawn(shown[:, 0]),
-        dy_px=drawn(shown[:, 1]),
+        dx_px=drawn(displacements[:, 0]),
+        dy_px=drawn(displacements[:, 1]),
         rms_px=rms,
     )
 
@@ -169,16 +170,17 @@ class SpotDiagram:
 
     def figure(self) -> Any:
         """The picture as a figure of matplotlib: a row of axes for each distance, in px, y down."""
-        rows, reach = self.rows, self.reach_px
-        shown = figure(_CELL_IN * len(rows[0]), (_CELL_IN + _HEAD_IN) * len(rows))
-        cells = shown.subplots(len(rows), len(rows[0]), squeeze=False)
+        rows = self.rows
+        reach = self.reach_px
+        page = figure(_CELL_IN * len(rows[0]), (_CELL_IN + _HEAD_IN) * len(rows))
+        cells = page.subplots(len(rows), len(rows[0]), squeeze=False)
         for spot, axes in zip(self.spots, cells.flat, strict=True):
             size = "no light" if spot.rms_px is None else f"{spot.rms_px:.3g} px rms"
             axes.set_title(f"{spot.place}\n{spot.distance_mm:.5g} mm: {size}", fontsize=7, loc="left")
             axes.plot(*zip(*_PIXEL_PX, strict=True), color=_PIXEL, linewidth=1)
             axes.plot(*np.array([spot.dx_px, spot.dy_px], float), ".", color=_INK, markersize=2)
             axes.set(xlim=(-reach, reach), ylim=(reach, -reach), aspect="equal", xticks=(), yticks=())
-        return shown
+        return page
 
 
 def spot_diagram(camera: Camera, name: str) -> SpotDiagram:

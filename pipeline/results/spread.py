@@ -50,10 +50,10 @@ def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
     """Focal length, sensor, pupils, equivalent pinhole and distortion, as far as every member has them and not all are
     0.
     """
-    of_each = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
-    common = [name for name in of_each[0] if all(of.get(name) is not None for of in of_each)]
-    names = tuple(name for name in common if any(of[name] for of in of_each))
-    values = np.array([[of[name] for name in names] for of in of_each], np.float64)
+    records = [_figures_of(output.cameras[camera].record) for output in (nominal, *members)]
+    common = [name for name in records[0] if all(record.get(name) is not None for record in records)]
+    names = tuple(name for name in common if any(record[name] for record in records))
+    values = np.array([[record[name] for name in names] for record in records], np.float64)
     mean = values[1:].mean(axis=0)
     deviation = values[1:].std(axis=0, ddof=1)
     differs = deviation > _SAME * np.maximum(1, abs(mean))
@@ -62,8 +62,9 @@ def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
 
 
 def _figures_of(record: Json) -> dict[str, float | None]:
-    lens, pinhole = record["lens"], record["pinhole"]
-    fit = (pinhole or {}).get("with_distortion") or {}
+    """Figures in camera.json by name; None where the camera has none."""
+    lens = record["lens"]
+    fit = (record["pinhole"] or {}).get("with_distortion") or {}
     x_px, y_px = fit.get("principal_point_px") or (None, None)
     figures_of = {
         "efl_mm": lens.get("efl_mm"),
@@ -94,11 +95,12 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
     nominal_px = np.full((len(points), 2), np.nan)
     nominal_px[row[~is_member]] = position[~is_member]
     count = np.bincount(row[is_member], minlength=len(points))
-    near = np.zeros((len(points), 2))
-    near[row] = position  # any position of a row: moments about it do not cancel
-    x, y = (position - near[row])[is_member].T
+    origin = np.zeros((len(points), 2))
+    origin[row] = position  # any position of a point: in moments about it no digits cancel
+    x, y = (position - origin[row])[is_member].T
 
     def mean(values: np.ndarray) -> np.ndarray:
+        """Mean of each point over the members; NaN unless all see it."""
         total = np.bincount(row[is_member], values, minlength=len(points))
         return np.where(count == len(members), total / len(members), np.nan)
 
@@ -109,15 +111,16 @@ def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, n
         freedom * (mean(a * b) - a_mean * b_mean)
         for a, b, a_mean, b_mean in ((x, x, x_mean, x_mean), (x, y, x_mean, y_mean), (y, y, y_mean, y_mean))
     )
-    x_deviation, y_deviation = np.sqrt(np.maximum(xx, 0)), np.sqrt(np.maximum(yy, 0))
+    x_deviation = np.sqrt(np.maximum(xx, 0))
+    y_deviation = np.sqrt(np.maximum(yy, 0))
     product = x_deviation * y_deviation
     return {
         **{name: points[name] for name in key},
         "members": count,
         "x_px": nominal_px[:, 0],
         "y_px": nominal_px[:, 1],
-        "mean_x_px": near[:, 0] + x_mean,
-        "mean_y_px": near[:, 1] + y_mean,
+        "mean_x_px": origin[:, 0] + x_mean,
+        "mean_y_px": origin[:, 1] + y_mean,
         "deviation_x_px": x_deviation,
         "deviation_y_px": y_deviation,
         "correlation_xy": np.divide(xy, product, out=np.full(len(points), np.nan), where=product > 0),

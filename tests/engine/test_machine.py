@@ -16,7 +16,7 @@ from pipeline.engine.running.driver import run
 from pipeline.engine.running.execute import perform
 from pipeline.machine import facts, processor
 
-TELL = "from pipeline.machine import facts; facts.tell()"
+TELL = "from pipeline.machine import facts; facts.print_facts()"
 OTHER_KERNELS = {"OPENBLAS_CORETYPE": "Nehalem"}
 ON_X86 = pytest.mark.skipif(not processor.settings().get("OPENBLAS_CORETYPE"), reason="no levels of processors here")
 

@@ -28,7 +28,7 @@ _ROWS = 256
 
 
 def positions(params: Positions, inputs: Inputs, out: Path) -> None:
-    """Write positions.exr and, for the task `truth`, the traced positions on each plane, two arrays if there are any."""
+    """Write positions.exr and, for the task `truth`, two arrays of the traced positions on each plane that has any."""
     rig = rig_of(inputs, params.sampling.seed, params.square_px)
     head: dict[str, str | float | int] = {
         "frame": "frame of the tangent plane, mm: x right, y up, z = 0",
