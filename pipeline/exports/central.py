@@ -31,33 +31,35 @@ def central_model(camera: ExportCamera, alternatives: Iterable[str]) -> CentralM
     `alternatives`: names of models of `pipeline fit` that may replace the pinhole, the simplest first.
     Raises ExportError: none fits.
     """
-    # Each kept model is better than those before it; the last one is the result.
-    kept = [] if camera.pinhole is None else [_of_pinhole(camera)]
+    # Each of these models is better than those before it; the last one is the result.
+    models = [] if camera.pinhole is None else [_of_pinhole(camera)]
     # An ideal lens has no distortion but what its stage states. What its pinhole leaves comes from mean rays of a wide
     # aperture, which do not meet in one point: a further model would take that for distortion.
-    if kept and camera.built.record["lens"].get("is_ideal"):
-        return kept[0]
+    if models and camera.built.record["lens"].get("is_ideal"):
+        return models[0]
     # camera.json has one pinhole, at the camera's own wavelength: a channel starts again from its own rays.
-    if kept and body_and_channel(camera.name)[1]:
-        kept, alternatives = [], ("brown", *alternatives)
+    if models and body_and_channel(camera.name)[1]:
+        models = []
+        alternatives = ("brown", *alternatives)
     field = None
     for name in alternatives:
         # Stop if Brown's model, the pinhole's or fitted as the first alternative, is good enough.
-        if kept and kept[0].name == "brown" and kept[0].rms_px <= _ENOUGH_PX:
+        if models and models[0].name == "brown" and models[0].rms_px <= _ENOUGH_PX:
             break
         # Fit the alternative to the rays of the image, traced once. Keep it if it is better by a tenth than the last.
         field = field or field_of(camera)
         with suppress(FitError):
             fit = _of_fit(fitted(field, name), field)
-            is_better = not kept or fit.rms_px < _WORTH_IT * kept[-1].rms_px
+            is_better = not models or fit.rms_px < _WORTH_IT * models[-1].rms_px
             if is_better and not is_absurd(fit.max_px, camera.size_px):
-                kept.append(fit)
-    if not kept:
+                models.append(fit)
+    if not models:
         raise ExportError(f"no pinhole fits {camera.name}, and none of {', '.join(alternatives)}")
-    return kept[-1]
+    return models[-1]
 
 
 def _of_pinhole(camera: ExportCamera) -> CentralModel:
+    """The equivalent pinhole with distortion, as a central model."""
     pinhole = camera.model
     return CentralModel(
         name="brown",

@@ -53,14 +53,14 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
     facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
     if record.centre in (Centre.PINHOLE, Centre.ROWS) and record.pose is not Pose.NONE:
         facts["residuals_of_equivalent_pinholes_px"] = {
-            camera.name: {key: p and {"rms": p.rms_px, "max": p.max_px} for key, p in _equivalent(camera)}
+            camera.name: {key: model and {"rms": model.rms_px, "max": model.max_px} for key, model in _pinholes(camera)}
             for camera in material.cameras
         }
     if record.centre is Centre.ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
-        reasons = {camera.name: camera.row_pinhole() for camera in material.cameras}
-        if lacking := {name: reason for name, reason in reasons.items() if isinstance(reason, str)}:
-            facts["without_pinhole_of_rows"] = lacking
+        results = {camera.name: camera.row_pinhole() for camera in material.cameras}
+        if reasons := {name: result for name, result in results.items() if isinstance(result, str)}:
+            facts["without_pinhole_of_rows"] = reasons
     if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
         facts["central_models"] = central
     noisy = None if noise.is_none else asdict(noise)
@@ -73,7 +73,8 @@ def write_format(name: str, material: Material, folder: Path, position: str, noi
         raise ValueError(f"{name} states the files {stated}, and wrote {files}")
 
 
-def _equivalent(camera: ExportCamera) -> tuple[tuple[str, BuiltPinhole | None], ...]:
+def _pinholes(camera: ExportCamera) -> tuple[tuple[str, BuiltPinhole | None], ...]:
+    """The equivalent pinholes of a camera, by their keys in export.json."""
     return ("without_distortion", camera.plain_pinhole), ("with_distortion", camera.pinhole)
 
 
@@ -81,8 +82,8 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
     """The pinholes of the rows in our conventions, by the keys of camera.json; null where rows determine none."""
     pinholes: dict[str, Any] = {}
     for camera in material.cameras:
-        found = camera.row_pinhole()
-        record = None if isinstance(found, str) else asdict(found)
+        result = camera.row_pinhole()
+        record = None if isinstance(result, str) else asdict(result)
         if record:
             record["residual_px"] = {"rms": record.pop("rms_px"), "max": record.pop("max_px")}
         pinholes[camera.name] = record
@@ -140,12 +141,15 @@ def converted(material: Material, convention: Convention) -> Material:
 
 def _by_rows(material: Material) -> Material:
     """A material whose cameras are the pinholes of their rows, where these determine one, and its poses to these."""
-    found = {camera.name: camera.pinhole for camera in material.cameras}
-    found |= {camera.name: p for camera in material.cameras if not isinstance(p := camera.row_pinhole(), str)}
+    pinholes = {camera.name: camera.pinhole for camera in material.cameras}
+    for camera in material.cameras:
+        result = camera.row_pinhole()
+        if not isinstance(result, str):
+            pinholes[camera.name] = result
     shifts = {
         camera.name: rigid(np.eye(3), camera.pinhole.centre_mm - pinhole.centre_mm)
         for camera in material.cameras
-        if camera.pinhole and (pinhole := found[camera.name])
+        if camera.pinhole and (pinhole := pinholes[camera.name])
     }
 
     def shifted(camera: str, pose: np.ndarray | None) -> np.ndarray | None:
@@ -153,7 +157,7 @@ def _by_rows(material: Material) -> Material:
 
     return replace(
         material,
-        cameras=tuple(replace(camera, pinhole=found[camera.name]) for camera in material.cameras),
+        cameras=tuple(replace(camera, pinhole=pinholes[camera.name]) for camera in material.cameras),
         views=tuple(
             replace(
                 view,
@@ -167,11 +171,11 @@ def _by_rows(material: Material) -> Material:
 
 def meaning(convention: Convention) -> tuple[str, ...]:
     """Lines that say what the numbers of a file mean."""
-    first = str(convention.origin)
-    where = f"the centre of the top-left pixel is ({first}, {first})"
+    text = str(convention.origin)
+    origin = f"the centre of the top-left pixel is ({text}, {text})"
     if convention.origin in (Origin.IMAGE_CENTRE, Origin.SHARE):
-        where = {Origin.SHARE: "shares of width and height, from a corner"}.get(convention.origin, first)
-    lines = [f"image positions in px: {where}; {convention.axes}"]
+        origin = {Origin.SHARE: "shares of width and height, from a corner"}.get(convention.origin, text)
+    lines = [f"image positions in px: {origin}; {convention.axes}"]
     if convention.unit is not Unit.NONE or convention.board is not Board.NONE:
         lines.append(f"lengths in {convention.unit}; target points: {convention.board}")
     if convention.pose is not Pose.NONE:
@@ -193,6 +197,7 @@ def board_from_target(target: ExportTarget, convention: Convention) -> np.ndarra
 
 
 def stated(a_from_b: np.ndarray, rotation: Rotation) -> StatedPose:
+    """A pose, (4, 4), with its rotation in the form of a format."""
     return StatedPose(rotation=_FORMS[rotation](a_from_b), translation=a_from_b[:3, 3] + 0.0)
 
 
@@ -214,7 +219,10 @@ _FORMS: dict[Rotation, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def _grid(material: Material, camera: ExportCamera, convention: Convention) -> MicroImageGrid | None:
-    """Numbers of micro-images by column and row; those outside of the image that see a point count where it has one."""
+    """Numbers of the micro-images of a camera by column and row; None for a conventional one.
+
+    If the format numbers micro-images, those outside of the image that see a point get numbers, too.
+    """
     if camera.micro_images is None:
         return None
     views = material.of(camera) if convention.microlenses is Microlenses.MICRO_IMAGE_GRID else ()
@@ -251,8 +259,9 @@ def _camera(camera: ExportCamera, convention: Convention, grid: MicroImageGrid |
         images = grid.renumbered(images)
     elif convention.microlenses is Microlenses.FROM_CENTRAL:
         # The type of the central microlens becomes 0; the others follow in our order, and after the last our first.
-        types, of_central = len(images.own_types), images.types[central]
-        images = retyped(images, (np.arange(types) - of_central) % types, (images.types - of_central) % types)
+        types = len(images.own_types)
+        central_type = images.types[central]
+        images = retyped(images, (np.arange(types) - central_type) % types, (images.types - central_type) % types)
     elif convention.microlenses is Microlenses.TYPES_FROM_ONE:
         images = replace(images, types=images.types + 1)
     return replace(camera, micro_images=images, mesh=mesh)
@@ -264,12 +273,15 @@ def _from_other(material: Material, number: int, convention: Convention) -> Stat
     if convention.pose not in origins:
         return None
     other = material.cameras[origins[convention.pose]]
-    turn, pose = _CAMERA_AXES[convention.camera_axes], material.between(other, material.cameras[number])
+    turn = _CAMERA_AXES[convention.camera_axes]
+    pose = material.between(other, material.cameras[number])
     return stated(_scaled(turn @ pose @ turn.T, convention.scale), convention.rotation)
 
 
 def _target(target: ExportTarget, convention: Convention, frame: np.ndarray) -> ExportTarget:
-    scale, grid = convention.scale, target.grid
+    """A target with points and grid in the frame and unit of a format; `frame` is `board_from_target`."""
+    scale = convention.scale
+    grid = target.grid
     if grid is not None:
         grid = replace(grid, column_step=grid.column_step * scale, row_step=grid.row_step * scale)
     return replace(
@@ -284,7 +296,8 @@ def _view(
     view: ExportView, camera: ExportCamera, convention: Convention, frame: np.ndarray, grid: MicroImageGrid | None
 ) -> ExportView:
     """A view with positions, microlenses and poses as the format counts them; `frame` is `board_from_target`."""
-    scale, observations = convention.scale, view.observations
+    scale = convention.scale
+    observations = view.observations
     observations = replace(observations, positions=convention.positions(observations.positions, camera.size_px))
     if grid and observations.microlenses is not None and convention.microlenses is Microlenses.MICRO_IMAGE_GRID:
         observations = replace(observations, microlenses=grid.cells(observations.microlenses))

@@ -60,17 +60,17 @@ def export(output: Output, formats: list[str], folder: Path, request: Request | 
     `formats`: names, as `opencv`, or with a position other than that of the request, as `opencv:saddle`.
     Raises ExportError: a format is unknown, or cannot hold this build, or its folder is there and not to be replaced.
     """
-    asked = _asked(formats, folder, request or Request())
-    materials = _materials(output, {wish for _, wish in asked.values()})
-    for destination, (name, wish) in asked.items():
-        _require_kind(name, format_of(name), materials[wish])
-        if destination.exists() and not (wish.replace and (destination / SIDE_CAR).exists()):
-            message = f"{destination} exists{', and is no export' if wish.replace else ''}"
+    requests = _requests(formats, folder, request or Request())
+    materials = _materials(output, {request for _, request in requests.values()})
+    for destination, (name, request) in requests.items():
+        _require_kind(name, format_of(name), materials[request])
+        if destination.exists() and not (request.replace and (destination / SIDE_CAR).exists()):
+            message = f"{destination} exists{', and is no export' if request.replace else ''}"
             hint = "remove it, replace an export with --replace, or choose another folder with -o"
             raise ExportError(message, hint=hint)
-    for destination, (name, wish) in asked.items():
-        _write(name, materials[wish], destination, wish)
-    return list(asked)
+    for destination, (name, request) in requests.items():
+        _write(name, materials[request], destination, request)
+    return list(requests)
 
 
 def write_export(output: Output, name: str, folder: Path, request: Request) -> None:
@@ -78,25 +78,26 @@ def write_export(output: Output, name: str, folder: Path, request: Request) -> N
     write_format(name, _materials(output, [request])[request], folder, request.position, request.noise)
 
 
-def _materials(output: Output, wishes: Iterable[Request]) -> dict[Request, Material]:
+def _materials(output: Output, requests: Iterable[Request]) -> dict[Request, Material]:
     """The material from which each request is written."""
     # They share cameras, but not with another call: the folder may have been built again
     sight = lru_cache(maxsize=4)(partial(sight_of, output.path))
     scene = lru_cache(maxsize=1)(partial(scene_of, output.path))
     return {
-        wish: with_noise(chosen(gather(output, sight, scene, wish.position), wish.only), wish.noise) for wish in wishes
+        request: with_noise(chosen(gather(output, sight, scene, request.position), request.only), request.noise)
+        for request in requests
     }
 
 
-def _asked(formats: list[str], folder: Path, request: Request) -> dict[Path, tuple[str, Request]]:
-    """Folder of each format, its name and what it takes: `opencv:saddle` means positions of saddles."""
-    asked = {}
+def _requests(formats: list[str], folder: Path, request: Request) -> dict[Path, tuple[str, Request]]:
+    """Folder of each format -> its name and request: `opencv:saddle` requests positions of saddles."""
+    requests = {}
     for item in formats:
         name, _, position = item.partition(":")
-        format_of(name)
-        wish = replace(request, position=position) if position else request
-        asked[folder / folder_of(name, wish.position)] = name, wish
-    return asked
+        format_of(name)  # an unknown one is refused at once
+        own_request = replace(request, position=position) if position else request
+        requests[folder / folder_of(name, own_request.position)] = name, own_request
+    return requests
 
 
 def _write(name: str, material: Material, destination: Path, request: Request) -> None:
@@ -113,16 +114,16 @@ def _write(name: str, material: Material, destination: Path, request: Request) -
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def _require_kind(name: str, wanted: Format, material: Material) -> None:
+def _require_kind(name: str, export_format: Format, material: Material) -> None:
     """Refuse cameras that a format does not know."""
-    odd = [camera for camera in material.cameras if not wanted.takes(camera.built.is_plenoptic)]
-    if odd:
-        suitable = [other for other, record in loadable().items() if record.takes(odd[0].built.is_plenoptic)]
-        camera = odd[0].name
+    unsuitable = [camera for camera in material.cameras if not export_format.takes(camera.built.is_plenoptic)]
+    if unsuitable:
+        suitable = [other for other, record in loadable().items() if record.takes(unsuitable[0].built.is_plenoptic)]
+        camera = unsuitable[0].name
         expected = f"one position per point, and {camera} is plenoptic"
-        if wanted.cameras is Cameras.PLENOPTIC:
+        if export_format.cameras is Cameras.PLENOPTIC:
             expected = f"a microlens array, and {camera} has none"
         hint = f"formats for it: {', '.join(suitable)}"
-        if len(odd) < len(material.cameras):
+        if len(unsuitable) < len(material.cameras):
             hint += "; or choose cameras with --only"
         raise ExportError(f"{name} expects {expected}", hint=hint)

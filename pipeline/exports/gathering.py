@@ -67,12 +67,14 @@ def gather(
         frames={camera.name: tuple(view.frame for view in camera.views) for camera in output.cameras.values()},
         scene=scene,
     )
-    found = {camera.name: cache(partial(_row_pinhole, camera, material)) for camera in material.cameras}
-    cameras = tuple(replace(camera, row_pinhole=found[camera.name]) for camera in material.cameras)
+    # Fitted at most once, and only for formats that ask for it
+    fits = {camera.name: cache(partial(_row_pinhole, camera, material)) for camera in material.cameras}
+    cameras = tuple(replace(camera, row_pinhole=fits[camera.name]) for camera in material.cameras)
     return replace(material, cameras=cameras)
 
 
 def _row_pinhole(camera: ExportCamera, material: Material) -> BuiltPinhole | str:
+    """The pinhole of the rows of a camera, or the reason why there is none."""
     if camera.built.is_plenoptic or camera.pinhole is None:
         return "no pinhole stands for this camera"
     targets = []
@@ -103,15 +105,16 @@ def chosen(material: Material, names: tuple[str, ...]) -> Material:
             raise ExportError(f"the build has no camera and no target {name!r}", hint=hint)
     cameras = tuple(camera for camera in material.cameras if camera.name in names) or material.cameras
     targets = tuple(target for target in material.targets if target.name in names) or material.targets
-    kept = {camera.name for camera in cameras} | {target.name for target in targets}
-    views = tuple(view for view in material.views if {view.camera, view.target} <= kept)
+    chosen_names = {camera.name for camera in cameras} | {target.name for target in targets}
+    views = tuple(view for view in material.views if {view.camera, view.target} <= chosen_names)
     frames = {camera.name: material.frames[camera.name] for camera in cameras}
     return replace(material, cameras=cameras, targets=targets, views=views, frames=frames)
 
 
 def grid_of(nominal: np.ndarray) -> Grid | None:
     """The regular grid that points form, in our target frame and counted from its top left, or None."""
-    x, y = np.unique(np.round(nominal[:, 0], 9)), np.unique(np.round(nominal[:, 1], 9))
+    x = np.unique(np.round(nominal[:, 0], 9))
+    y = np.unique(np.round(nominal[:, 1], 9))
     columns, rows = len(x), len(y)
     if columns * rows != len(nominal) or min(columns, rows) < 2:
         return None
@@ -167,6 +170,7 @@ def _target(target: BuiltTarget) -> ExportTarget:
 
 
 def _view(view: BuiltView, target: BuiltTarget, position: str) -> ExportView:
+    """A view with the rows of a target that have a position of this kind; ExportError if the build has none."""
     table = view.correspondences
     numbers = np.flatnonzero(table.target == target.name)
     rows = table[numbers]

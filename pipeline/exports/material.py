@@ -68,9 +68,9 @@ class CameraRays:
         """Positions of the centres of the first and of the last pixel, (2, 2)."""
         return self.positions(np.array([[0.0, 0.0], np.array(self.built.size_px) - 1.0]))
 
-    def positions(self, places_px: np.ndarray) -> np.ndarray:
+    def positions(self, ours_px: np.ndarray) -> np.ndarray:
         """Image positions (..., 2) of ours as the format counts them."""
-        return self.convention.positions(places_px, self.built.size_px)
+        return self.convention.positions(ours_px, self.built.size_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,6 +199,8 @@ class Grid:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportTarget:
+    """A target with its points, in the frame and unit of the material."""
+
     name: str
     kind: str
     parameters: dict[str, Any]
@@ -243,6 +245,8 @@ class ExportView:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
+    """A build as formats write it."""
+
     stage: str
     remarks: tuple[str, ...]  # for every file that allows comments: what the numbers mean, and that noise was added
     cameras: tuple[ExportCamera, ...]
@@ -260,8 +264,12 @@ class Material:
 
     def together(self, first: ExportCamera, second: ExportCamera) -> list[tuple[ExportView, ExportView]]:
         """Views of two cameras in the same frame, of the same target."""
-        of_second = {(view.frame, view.target): view for view in self.of(second)}
-        return [(view, of_second[at]) for view in self.of(first) if (at := (view.frame, view.target)) in of_second]
+        views_of_second = {(view.frame, view.target): view for view in self.of(second)}
+        return [
+            (view, views_of_second[key])
+            for view in self.of(first)
+            if (key := (view.frame, view.target)) in views_of_second
+        ]
 
     def target(self, name: str) -> ExportTarget:
         return next(target for target in self.targets if target.name == name)
@@ -269,7 +277,8 @@ class Material:
     def residuals_px(self, view: ExportView) -> np.ndarray:
         """Distances of observations from where the pinhole of the camera projects their points, (n,)."""
         camera = next(camera for camera in self.cameras if camera.name == view.camera)
-        points, pose = self.target(view.target).points[view.observations.ids], view.camera_from_target
+        points = self.target(view.target).points[view.observations.ids]
+        pose = view.camera_from_target
         assert pose is not None
         return np.hypot(*(camera.model.projected(apply(pose, points)) - view.observations.positions).T)
 
@@ -306,9 +315,9 @@ class Material:
                 hint="a camera whose lens changes is one camera in each state: export them one by one with --only",
             )
         poses = [
-            b.camera_from_world @ inverse(a.camera_from_world)
-            for a, b in views
-            if a.camera_from_world is not None and b.camera_from_world is not None
+            of_second.camera_from_world @ inverse(of_first.camera_from_world)
+            for of_first, of_second in views
+            if of_first.camera_from_world is not None and of_second.camera_from_world is not None
         ]
         if not poses:
             raise ExportError(f"no pinhole fits {first.name} or {second.name}, so the pose between them is unknown")

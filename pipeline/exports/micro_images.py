@@ -79,9 +79,10 @@ class MicroImageGrid:
 
     def renumbered(self, images: MicroImages) -> MicroImages:
         """The micro-images that matter, by numbers and types of the grid; ExportError if its types do not repeat so."""
-        cells, ours = self.cells(images.microlenses[self.rows]), images.types[self.rows]
-        types = self._types(cells, ours, len(images.focal_lengths_mm))
-        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), types, types[ours])
+        cells = self.cells(images.microlenses[self.rows])
+        our_types = images.types[self.rows]
+        types = self._types(cells, our_types, len(images.focal_lengths_mm))
+        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), types, types[our_types])
 
     def mesh(self, images: MicroImages, central: int) -> GridMesh:
         """The regular mesh that fits centres best, by least squares.
@@ -90,12 +91,17 @@ class MicroImageGrid:
         `central`: row of the one nearest to the middle of the image.
         """
         cells = self.cells(images.microlenses)
-        (columns, rows), (x, y) = cells.T, cells.T.astype(float)
+        columns, rows = cells.T
+        # Nodes of a mesh of pitch 1; lines of a hexagonal one are closer, and every other one is shifted.
+        x, y = cells.T.astype(float)
         if self.is_shifted and self.across:
-            x, y = x + 0.5 * (rows % 2 == 0), y * SIN_60
+            x += 0.5 * (rows % 2 == 0)
+            y *= SIN_60
         elif self.is_shifted:
-            x, y = x * SIN_60, y + 0.5 * (columns % 2 == 0)
+            x *= SIN_60
+            y += 0.5 * (columns % 2 == 0)
         nodes = np.stack([x, y, np.ones(len(x))], axis=1)
+        # The affine map from nodes to centres: images of both axes, and of the first node
         along, across, origin = np.linalg.lstsq(nodes[self.rows], images.centres[self.rows], rcond=None)[0]
         angle = math.atan2(along[1], along[0])
         return GridMesh(
@@ -116,15 +122,19 @@ class MicroImageGrid:
         line, along = (l, k) if self.across else (k, l)
         return line, 2 * along + line
 
-    def _types(self, cells: np.ndarray, ours: np.ndarray, count: int) -> np.ndarray:
-        """Types of libpleno by ours: ((line mod (n - 1)) + index in it) mod n; lines are columns but in `hexagonal`."""
+    def _types(self, cells: np.ndarray, our_types: np.ndarray, count: int) -> np.ndarray:
+        """Type of libpleno for each of ours, (n,).
+
+        Theirs is ((line mod (n - 1)) + index in the line) mod n; lines are columns, but rows in `hexagonal`.
+        """
         if count == 1:
             return np.zeros(1, np.int64)
         column, row = cells.T
-        line, number = (row, column) if self.layout == "hexagonal" else (column, row)
-        theirs = (line % (count - 1) + number) % count
-        types = np.array([theirs[ours == kind][0] if (ours == kind).any() else -1 for kind in range(count)])
-        if (types[ours] != theirs).any() or sorted(types.tolist()) != list(range(count)):
+        line, index = (row, column) if self.layout == "hexagonal" else (column, row)
+        their_types = (line % (count - 1) + index) % count
+        types = np.full(count, -1)
+        types[our_types] = their_types
+        if (types[our_types] != their_types).any() or sorted(types.tolist()) != list(range(count)):
             raise ExportError(
                 "types of these microlenses do not repeat as ((row mod (n - 1)) + column) mod n, as libpleno counts",
                 hint="three types on a hexagonal lattice do, as (k - l) mod 3",
@@ -142,10 +152,10 @@ def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> Micr
 
 def micro_image_grid(images: MicroImages, size_px: tuple[int, int], seeing: np.ndarray) -> MicroImageGrid:
     """The grid of micro-images from column and row 0; `seeing`, (n, 2) int64, are microlenses that see a point."""
-    matter = ((images.centres >= 0) & (images.centres <= np.array(size_px) - 1)).all(axis=1)  # in the image
+    is_in_image = ((images.centres >= 0) & (images.centres <= np.array(size_px) - 1)).all(axis=1)
     seeing_pairs = {tuple(pair) for pair in seeing.tolist()}
-    matter |= np.array([tuple(pair) in seeing_pairs for pair in images.microlenses.tolist()])
-    rows = np.flatnonzero(matter)
+    sees_point = np.array([tuple(pair) in seeing_pairs for pair in images.microlenses.tolist()])
+    rows = np.flatnonzero(is_in_image | sees_point)
     grid = MicroImageGrid(layout=images.layout, first=(0, 0), rows=rows)
     line, offset = grid._line_and_offset(images.microlenses[rows])
     first = int(line.min())

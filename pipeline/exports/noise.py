@@ -17,7 +17,9 @@ from pipeline.spelling import did_you_mean
 if TYPE_CHECKING:  # every graph of tasks knows `Noise`, and few have exports
     from pipeline.exports.material import ExportView, Material
 
-_GOLDEN, _FIRST, _SECOND = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_STEP, _FIRST_FACTOR, _SECOND_FACTOR = (
+    np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB)
+)
 """Constants of SplitMix64: the golden ratio as a step, and its two multipliers."""
 _FRACTION = 2.0**-53
 """Distance of the numbers that 53 bits make of [0, 1)."""
@@ -52,7 +54,7 @@ class Noise:
 
 def noise_of(text: str) -> Noise:
     """Noise of a text, `0.1` or `0.1,outliers=0.01,missed=0.02,seed=3`; ExportError if a part means nothing."""
-    given: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for part in text.split(","):
         name, equals, value = part.strip().rpartition("=")
         name = name.strip() if equals else "noise_px"
@@ -60,10 +62,10 @@ def noise_of(text: str) -> Noise:
             hint = did_you_mean(name, _KINDS) or "for example 0.1,outliers=0.01,missed=0.02,seed=3"
             raise ExportError(f"noise has no {name!r}", hint=hint)
         try:
-            given[name] = _KINDS[name](value)
+            values[name] = _KINDS[name](value)
         except ValueError:
             raise ExportError(f"noise: {name} is {_KINDS[name].__name__}, not {value!r}") from None
-    return Noise(**given)
+    return Noise(**values)
 
 
 def with_noise(material: "Material", noise: Noise) -> "Material":
@@ -77,31 +79,35 @@ def with_noise(material: "Material", noise: Noise) -> "Material":
 
 
 def _noisy(view: "ExportView", noise: Noise) -> "ExportView":
+    """A view whose positions are moved, and of whose observations some are left out.
+
+    The counter of each observation is a hash of the seed, the view, the point and the microlens.
+    """
     observations = view.observations
     key = hashlib.sha256(f"{noise.seed}\0{view.camera}\0{view.frame}\0{view.target}".encode()).digest()
-    names = [observations.ids] if observations.microlenses is None else [observations.ids, *observations.microlenses.T]
+    microlenses = () if observations.microlenses is None else observations.microlenses.T
     state = np.full(len(observations.ids), int.from_bytes(key[:8], "little"), np.uint64)
-    for name in names:
-        state = _mixed(state ^ _mixed(name.astype(np.int64).view(np.uint64)))
+    for numbers in (observations.ids, *microlenses):
+        state = _mixed(state ^ _mixed(numbers.astype(np.int64).view(np.uint64)))
     draws = [_uniform(state, stream) for stream in range(_Y + 1)]
     radius = noise.noise_px * np.sqrt(-2 * np.log1p(-draws[_RADIUS]))  # Box and Muller
     angle = 2 * np.pi * draws[_ANGLE]
     gaussian = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    anywhere = noise.outlier_px * (2 * np.stack([draws[_X], draws[_Y]], axis=1) - 1)
+    in_square = noise.outlier_px * (2 * np.stack([draws[_X], draws[_Y]], axis=1) - 1)
     is_outlier = draws[_OUTLIER] < noise.outliers
-    moved = observations.positions + np.where(is_outlier[:, None], anywhere, gaussian)
+    moved = observations.positions + np.where(is_outlier[:, None], in_square, gaussian)
     return replace(view, observations=replace(observations, positions=moved).only(draws[_MISSED] >= noise.missed))
 
 
 def _uniform(state: np.ndarray, stream: int) -> np.ndarray:
     """Numbers of [0, 1), of 53 bits."""
     with np.errstate(over="ignore"):
-        return (_mixed(state + np.uint64(stream + 1) * _GOLDEN) >> np.uint64(11)) * _FRACTION
+        return (_mixed(state + np.uint64(stream + 1) * _STEP) >> np.uint64(11)) * _FRACTION
 
 
 def _mixed(bits: np.ndarray) -> np.ndarray:
     """Sixty-four bits of which each depends on all that came in."""
     with np.errstate(over="ignore"):
-        bits = (bits ^ (bits >> np.uint64(30))) * _FIRST
-        bits = (bits ^ (bits >> np.uint64(27))) * _SECOND
+        bits = (bits ^ (bits >> np.uint64(30))) * _FIRST_FACTOR
+        bits = (bits ^ (bits >> np.uint64(27))) * _SECOND_FACTOR
         return bits ^ (bits >> np.uint64(31))

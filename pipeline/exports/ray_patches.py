@@ -45,15 +45,17 @@ class Patch:
 
     @property
     def quarters(self) -> list["Patch"]:
-        left, upper = (self.width + 1) // 2, (self.height + 1) // 2
+        """Its four quarters, or two where it is a pixel wide or high."""
+        left = (self.width + 1) // 2
+        upper = (self.height + 1) // 2
         across = [(self.x, left), (self.x + left, self.width - left)]
         down = [(self.y, upper), (self.y + upper, self.height - upper)]
         return [Patch(x, y, width, height) for y, height in down for x, width in across if width and height]
 
-    def positions(self, places: np.ndarray) -> np.ndarray:
-        """Image positions (k, 2) of places on the patch, from -1 to 1; half a pixel beyond its outer pixels at most."""
+    def positions(self, coordinates: np.ndarray) -> np.ndarray:
+        """Image positions (k, 2) of coordinates on the patch, from -1 to 1 between the outer edges of its pixels."""
         size = np.array([self.width, self.height])
-        return np.asarray(np.array([self.x, self.y]) - 0.5 + (places + 1) / 2 * size)
+        return np.asarray(np.array([self.x, self.y]) - 0.5 + (coordinates + 1) / 2 * size)
 
 
 def rows_of_rays(
@@ -66,21 +68,21 @@ def rows_of_rays(
     """
     first, end = rows
     lines = np.full((end - first, width, 4), np.nan)  # x, y at z = 0, then slopes
-    left = [
+    patches = [
         Patch(x, y, min(EDGE_PX, width - x), min(EDGE_PX, end - y))
         for y in range(first, end, EDGE_PX)
         for x in range(0, width, EDGE_PX)
     ]
-    single: list[Patch] = []
-    while left:
-        kept, odd = _tried(sight, left, planes_mm)
-        for patch, values in kept:
+    small: list[Patch] = []  # whose pixels are traced one by one
+    while patches:
+        interpolated, refused = _interpolated(sight, patches, planes_mm)
+        for patch, values in interpolated:
             lines[patch.y - first : patch.y - first + patch.height, patch.x : patch.x + patch.width] = values
-        quarters = [quarter for patch in odd for quarter in patch.quarters]
-        left = [patch for patch in quarters if min(patch.width, patch.height) >= _LEAST_PX]
-        single += [patch for patch in quarters if min(patch.width, patch.height) < _LEAST_PX]
-    if single:
-        pixels = [np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1) for p in single]
+        quarters = [quarter for patch in refused for quarter in patch.quarters]
+        patches = [patch for patch in quarters if min(patch.width, patch.height) >= _LEAST_PX]
+        small += [patch for patch in quarters if min(patch.width, patch.height) < _LEAST_PX]
+    if small:
+        pixels = [np.mgrid[p.y : p.y + p.height, p.x : p.x + p.width].reshape(2, -1) for p in small]
         y, x = np.concatenate(pixels, axis=1)
         lines[y - first, x], _ = _lines(sight.rays(x.astype(float), y.astype(float)))
     direction = np.concatenate([lines[..., 2:], np.ones_like(lines[..., :1])], axis=-1)
@@ -88,39 +90,46 @@ def rows_of_rays(
     return origin, direction / np.linalg.norm(direction, axis=-1, keepdims=True)
 
 
-def _tried(
+def _interpolated(
     sight: "ReadyCamera", patches: list[Patch], planes_mm: tuple[float, float]
 ) -> tuple[list[tuple[Patch, np.ndarray]], list[Patch]]:
-    """Patches with the lines (h, w, 4) of their pixels, and those that a polynomial does not hold."""
+    """Patches with the lines (h, w, 4) of their pixels, interpolated between nodes, and the patches on which this errs
+    at a judging position.
+    """
     grid = np.stack(np.meshgrid(_CHEBYSHEV, _CHEBYSHEV), axis=-1).reshape(-1, 2)
-    places = np.concatenate([grid, _JUDGES])
-    x_px = np.concatenate([patch.positions(places) for patch in patches])
+    coordinates = np.concatenate([grid, _JUDGES])
+    x_px = np.concatenate([patch.positions(coordinates) for patch in patches])
     lines, error_px = _lines(sight.rays(x_px[:, 0], x_px[:, 1]))
-    kept, odd = [], []
+    interpolated = []
+    refused = []
     at_judges = _weights(tuple(_JUDGES[:, 1])), _weights(tuple(_JUDGES[:, 0]))
     for number, patch in enumerate(patches):
-        of_patch = slice(number * len(places), (number + 1) * len(places))
+        of_patch = slice(number * len(coordinates), (number + 1) * len(coordinates))
         values = lines[of_patch][: len(grid)].reshape(_NODES, _NODES, 4)
-        apart = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[of_patch][len(grid) :]
+        differences = np.einsum("kj,ki,jic->kc", *at_judges, values) - lines[of_patch][len(grid) :]
         allowed_px = max(_AGREES_PX, float(error_px[of_patch].max(initial=0.0)))
-        if _px(apart, values, patch, planes_mm) <= allowed_px:  # not of NaN
+        if _largest_px(differences, values, patch, planes_mm) <= allowed_px:  # false for NaN
             centres = ((2 * np.arange(count) + 1) / count - 1 for count in (patch.height, patch.width))
-            down, across = (_weights(tuple(places)) for places in centres)
-            kept.append((patch, np.einsum("yj,xi,jic->yxc", down, across, values, optimize=True)))
+            down, across = (_weights(tuple(centre)) for centre in centres)
+            interpolated.append((patch, np.einsum("yj,xi,jic->yxc", down, across, values, optimize=True)))
         else:
-            odd.append(patch)
-    return kept, odd
+            refused.append(patch)
+    return interpolated, refused
 
 
-def _px(apart: np.ndarray, values: np.ndarray, patch: Patch, planes_mm: tuple[float, float]) -> float:
-    """Largest difference of lines on two planes, as a distance of image positions; NaN where one has no light."""
-    off_px = []
+def _largest_px(differences: np.ndarray, values: np.ndarray, patch: Patch, planes_mm: tuple[float, float]) -> float:
+    """Largest difference of lines (k, 4) on two planes, as a distance of image positions; NaN where one has no light.
+
+    `values` are the lines at the nodes of the patch: its diagonal in the image and on a plane give the scale.
+    """
+    largest_px = []
     for z_mm in planes_mm:
         points = values[..., :2] + z_mm * values[..., 2:]
         span_mm = np.linalg.norm(points[-1, -1] - points[0, 0])
         px_per_mm = np.hypot(patch.width, patch.height) / span_mm
-        off_px.append(np.linalg.norm(apart[:, :2] + z_mm * apart[:, 2:], axis=1).max() * px_per_mm)
-    return float(np.max(off_px))
+        off_mm = np.linalg.norm(differences[:, :2] + z_mm * differences[:, 2:], axis=1)
+        largest_px.append(off_mm.max() * px_per_mm)
+    return float(np.max(largest_px))
 
 
 def _lines(rays: PixelRays) -> tuple[np.ndarray, np.ndarray]:
@@ -130,14 +139,14 @@ def _lines(rays: PixelRays) -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def _weights(places: tuple[float, ...]) -> np.ndarray:
-    """Weights (k, nodes) of the values at the nodes, at some places."""
+def _weights(coordinates: tuple[float, ...]) -> np.ndarray:
+    """Weights (k, nodes) of the values at the nodes in the polynomial through them, at coordinates from -1 to 1."""
     at_nodes = np.polynomial.chebyshev.chebvander(_CHEBYSHEV, _NODES - 1)
-    return np.asarray(np.polynomial.chebyshev.chebvander(np.array(places), _NODES - 1) @ np.linalg.inv(at_nodes))
+    return np.asarray(np.polynomial.chebyshev.chebvander(np.array(coordinates), _NODES - 1) @ np.linalg.inv(at_nodes))
 
 
-def bands(height: int, most: int) -> Iterator[tuple[int, int]]:
-    """First and end rows of bands of whole patches, with `most` rows if these are more than a patch has."""
-    rows = max(EDGE_PX, most // EDGE_PX * EDGE_PX)
+def bands(height: int, most_rows: int) -> Iterator[tuple[int, int]]:
+    """First and end rows of bands of whole patches, with at most so many rows, but a patch at least."""
+    rows = max(EDGE_PX, most_rows // EDGE_PX * EDGE_PX)
     for first in range(0, height, rows):
         yield first, min(first + rows, height)

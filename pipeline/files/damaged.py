@@ -12,6 +12,6 @@ class DamagedFile(PipelineError):
     """A file does not have the expected content: truncated, altered, or written by another program."""
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None) -> None:
-        where = f"{path}:{line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: {reason}", hint="remove the file and build again")
+        location = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{location}: {reason}", hint="remove the file and build again")
         self.reason = reason

@@ -61,8 +61,8 @@ class Part:
         shapes = {np.shape(pixels) for pixels in self.channels.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 2 or 0 in next(iter(shapes)):
             raise ValueError(f'part "{self.name}" needs channels of one shape (h, w), not {sorted(shapes)}')
-        if taken := sorted(RESERVED & self.attributes.keys()):
-            raise ValueError(f'part "{self.name}": OpenEXR or this module uses the attributes {taken} itself')
+        if reserved := sorted(RESERVED & self.attributes.keys()):
+            raise ValueError(f'part "{self.name}": OpenEXR or this module uses the attributes {reserved} itself')
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -109,7 +109,7 @@ def read_exr(path: str | Path) -> dict[str, Part]:
 def texts_of(path: str | Path, part: str) -> dict[str, str]:
     """Text attributes of a part of a file of ours."""
     headers = OpenEXR.File(str(path), header_only=True, num_threads=_IN_CALLING_THREAD)
-    return next(_texts(each) for each in headers.parts if each.header["name"] == part)
+    return next(_texts(header) for header in headers.parts if header.header["name"] == part)
 
 
 def _texts(part: OpenEXR.Part) -> dict[str, str]:
@@ -164,6 +164,7 @@ def _values(part: OpenEXR.Part) -> int:
 
 
 def _encode(part: Part, display: tuple[int, int], part_count: int) -> OpenEXR.Part:
+    """A part as the binding takes it, tiled, with its checksum; `display` is the shape of the largest part."""
     channels = {name: np.array(pixels, dtype=np.float32, order="C") for name, pixels in sorted(part.channels.items())}
     header: dict[str, Any] = {name: _text(part, name, value) for name, value in sorted(part.attributes.items())}
     header |= {CRC: _crc32(part.name, channels, header), PART_COUNT: str(part_count)}
@@ -177,6 +178,7 @@ def _encode(part: Part, display: tuple[int, int], part_count: int) -> OpenEXR.Pa
 
 
 def _text(part: Part, name: str, value: object) -> str:
+    """An attribute as text that keeps all digits of a number."""
     if isinstance(value, str):
         return value
     if isinstance(value, Integral):

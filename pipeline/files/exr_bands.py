@@ -45,7 +45,8 @@ class UnknownLayout(ValueError):
 
 def _read_headers(stream: BinaryIO) -> list[Header]:
     """Headers of a file; afterwards the stream is at the tables of offsets."""
-    magic, version = _exactly(stream, 4), _exactly(stream, 4)
+    magic = _exactly(stream, 4)
+    version = _exactly(stream, 4)
     if magic != _MAGIC:
         raise UnknownLayout("not an OpenEXR file")
     data = io.BytesIO(stream.read(_LONGEST))
@@ -79,7 +80,7 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
     return data
 
 
-def _having(header: Header, **values: bytes) -> Header:
+def _changed(header: Header, **values: bytes) -> Header:
     """The same header with other values for some of its attributes."""
     return {name: (kind, values.get(name, value)) for name, (kind, value) in header.items()}
 
@@ -126,17 +127,17 @@ def write_bands(path: str | Path, parts: list[BandedPart]) -> None:
             stream.write(_head(headers, tables))
             for number, part in enumerate(parts):
                 crcs = dict.fromkeys(sorted(part.channels), 0)
-                at = number if len(parts) > 1 else None
+                part_number = number if len(parts) > 1 else None  # chunks of a single part have none
                 for first, band in _bands(part):
                     for channel in crcs:
                         crcs[channel] = zlib.crc32(band.channels[channel].data, crcs[channel])
                     write_exr(band_file, [band])
                     above = first // TILE_PX
-                    _append(stream, band_file, tables[number][above : above + _grid(band.shape)[0]], above, at)
-                headers[number] = _having(headers[number], **{CRC: _content_crc(part, headers[number], crcs)})
+                    _append(stream, band_file, tables[number][above : above + _grid(band.shape)[0]], above, part_number)
+                headers[number] = _changed(headers[number], **{CRC: _content_crc(part, headers[number], crcs)})
             stream.seek(0)
             stream.write(_head(headers, tables))
-    except UnknownLayout:  # OpenEXR drops the error of a full disk when it closes a file: whoever writes gets it
+    except UnknownLayout:  # OpenEXR drops the error of a full disk when it closes a file; this write raises it
         with band_file.open("ab") as stream:
             stream.write(bytes(_PROBED_BYTES))
         raise
@@ -154,7 +155,7 @@ def _headers(scratch: Path, parts: list[BandedPart]) -> list[Header]:
     display = _box((max(part.shape[0] for part in parts), max(part.shape[1] for part in parts)))
     chunks = [struct.pack("<i", math.prod(_grid(part.shape))) for part in parts]
     return [
-        _having(header, dataWindow=_box(part.shape), displayWindow=display, chunkCount=count)
+        _changed(header, dataWindow=_box(part.shape), displayWindow=display, chunkCount=count)
         for header, part, count in zip(headers, parts, chunks, strict=True)
     ]
 
@@ -196,8 +197,12 @@ def _content_crc(part: BandedPart, header: Header, crcs: dict[str, int]) -> byte
 
 
 def _joined(first: int, second: int, second_bytes: int) -> int:
-    """CRC-32 of two concatenated pieces, from their CRCs and the length of the second."""
-    shift, power = _ONE, _BYTE
+    """CRC-32 of two concatenated pieces, from their CRCs and the length of the second.
+
+    The first CRC is multiplied by x^(8 n) for the n bytes that follow it, by repeated squaring.
+    """
+    shift = _ONE
+    power = _BYTE
     while second_bytes:
         if second_bytes & 1:
             shift = _product(shift, power)

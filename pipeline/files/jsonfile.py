@@ -27,13 +27,16 @@ def json_bytes(obj: Any) -> bytes:
     return (_text(obj, "\n", ("$",)) + "\n").encode()
 
 
-def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
-    """JSON text with a line per item, but lists of plain values, such as the row of a matrix, on one line."""
+def _text(value: Any, newline: str, location: tuple[str, ...]) -> str:
+    """JSON text with a line per item, but lists of plain values, such as the row of a matrix, on one line.
+
+    `newline` has the indentation of the value; `location` is its path in the file, for errors.
+    """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, float):
         if math.isnan(value):
-            raise ValueError(f"{''.join(where)}: NaN has no place in a JSON file")
+            raise ValueError(f"{''.join(location)}: NaN has no place in a JSON file")
         return f'"{float(value)!r}"' if math.isinf(value) else float.__repr__(value)
     if value is None or isinstance(value, bool | int | str):
         return _WORDS.encode(value)
@@ -43,14 +46,16 @@ def _text(value: Any, newline: str, where: tuple[str, ...]) -> str:
         return f"[{', '.join(map(repr, value))}]"
     deeper = newline + "  "
     if isinstance(value, dict) and all(isinstance(name, str) for name in value):
-        items = [f"{_WORDS.encode(name)}: {_text(item, deeper, (*where, '.', name))}" for name, item in value.items()]
+        items = [
+            f"{_WORDS.encode(name)}: {_text(item, deeper, (*location, '.', name))}" for name, item in value.items()
+        ]
         return f"{{{deeper}{f',{deeper}'.join(items)}{newline}}}" if items else "{}"
     if isinstance(value, list | tuple):
-        items = [_text(item, deeper, (*where, f"[{i}]")) for i, item in enumerate(value)]
+        items = [_text(item, deeper, (*location, f"[{i}]")) for i, item in enumerate(value)]
         plain = not any(isinstance(item, dict | list | tuple | np.ndarray) for item in value)
         return f"[{', '.join(items)}]" if plain else f"[{deeper}{f',{deeper}'.join(items)}{newline}]"
     name = type(value).__name__
-    raise TypeError(f"{''.join(where)}: JSON cannot hold a {name} (or a dict with keys that are not text)")
+    raise TypeError(f"{''.join(location)}: JSON cannot hold a {name} (or a dict with keys that are not text)")
 
 
 def read_json(path: str | Path) -> Any:

@@ -66,7 +66,8 @@ class StackedRows:
         """The rows [first, end) of the stack."""
         pieces = []
         for path, above, below in zip(self._paths, self._edges, self._edges[1:], strict=False):
-            low, high = max(first, above), min(end, below)
+            low = max(first, above)
+            high = min(end, below)
             if low < high:
                 pieces.append(np.asarray(np.load(path, mmap_mode="r"))[low - above : high - above])
         return np.concatenate(pieces)
@@ -83,7 +84,7 @@ def _header(stream: BinaryIO, path: Path) -> tuple[tuple[int, ...], np.dtype]:
     if dtype.hasobject:
         raise DamagedFile(path, "it holds objects, not numbers")
     promised = math.prod(shape) * dtype.itemsize
-    there = path.stat().st_size - stream.tell()
-    if min(shape, default=0) < 0 or promised != there:
-        raise DamagedFile(path, f"its header promises {promised} bytes, and there are {there}")
+    actual = path.stat().st_size - stream.tell()
+    if min(shape, default=0) < 0 or promised != actual:
+        raise DamagedFile(path, f"its header promises {promised} bytes, and there are {actual}")
     return shape, dtype

@@ -24,9 +24,10 @@ def number(value: float, decimals: int = FINE) -> str:
 def element(name: str, *inside: str, **attributes: str | float) -> str:
     """An element with its children; attribute names have - for _, text is escaped, numbers have `FINE` decimals."""
     written = (value if isinstance(value, str) else number(value) for value in attributes.values())
-    given = "".join(f' {key.replace("_", "-")}="{escape(text)}"' for key, text in zip(attributes, written, strict=True))
+    pairs = zip(attributes, written, strict=True)
+    attribute_text = "".join(f' {key.replace("_", "-")}="{escape(text)}"' for key, text in pairs)
     content = "\n".join(inside)
-    return f"<{name}{given}>{content}</{name}>" if inside else f"<{name}{given}/>"
+    return f"<{name}{attribute_text}>{content}</{name}>" if inside else f"<{name}{attribute_text}/>"
 
 
 def words(text: str, at: Point, **style: str | float) -> str:

@@ -97,6 +97,7 @@ def _cells(column: Sequence[Any] | np.ndarray) -> list[str]:
 
 
 def _cell(value: Any) -> str:
+    """A value as a cell; empty if it is unknown."""
     if value is None:
         return ""
     if isinstance(value, str):
@@ -115,6 +116,7 @@ def _is_bare(text: str) -> bool:
 
 
 def _quoted(text: str) -> str:
+    """A text, in quotes if a reader would take it for something else."""
     if any(mark in text for mark in ',"\n\r') or text.startswith("#") or text != text.strip():
         return '"' + text.replace('"', '""') + '"'
     return text

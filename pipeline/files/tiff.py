@@ -64,7 +64,7 @@ def write_tiff(
     shape: tuple[int, int],
     rows: Rows,
     about: Json,
-    of_negative: Tags | None = None,
+    negative_tags: Tags | None = None,
 ) -> None:
     """Write a plane of digital numbers band by band; equal pixels give equal bytes.
 
@@ -73,12 +73,12 @@ def write_tiff(
     `about`: meaning of the numbers as plain values: the description.
     """
     height, width = shape
-    photometric, more, exif = of_negative or Tags(PHOTOMETRIC.MINISBLACK, (), {})
+    photometric, more, exif = negative_tags or Tags(PHOTOMETRIC.MINISBLACK, (), {})
     if 2 * height * width > _LARGEST_BYTES:
         raise ValueError(f"{path}: {height} x {width} pixels are more than a TIFF file holds")
     directory: list[Tag] = [(_TO_EXIF - 1, DATATYPE.LONG, 1, 0, True)] if exif else []  # tifffile writes no ExifTag
     with tifffile.TiffWriter(path, byteorder="<") as file:
-        placed = file.write(
+        plane = file.write(
             shape=shape,
             dtype=np.uint16,
             photometric=PHOTOMETRIC.MINISBLACK,
@@ -90,11 +90,11 @@ def write_tiff(
             extratags=[(274, DATATYPE.SHORT, 1, 1, True), *more, *directory],
             returnoffset=True,
         )
-    assert placed is not None, "a plane that is not compressed is in one place"
+    assert plane is not None, "a plane that is not compressed is in one place"
     crc = zlib.crc32(_text(about).encode())
     band = max(1, _BAND_PX // width)
     with Path(path).open("r+b") as stream:
-        stream.seek(placed[0])
+        stream.seek(plane[0])
         for first in range(0, height, band):
             end = min(first + band, height)
             pixels = np.ascontiguousarray(rows(first, end), "<u2")
@@ -118,9 +118,9 @@ def write_tiff(
 def _directory(fractions: Mapping[int, float], at: int) -> bytes:
     """An Exif directory at this offset of the file, followed by its fractions."""
     entries = {_EXIF_VERSION: struct.pack("<HHI4s", _EXIF_VERSION, DATATYPE.UNDEFINED, 4, b"0230")}
-    behind = at + 2 + 12 * (len(fractions) + 1) + 4
+    first_fraction = at + 2 + 12 * (len(fractions) + 1) + 4  # behind the count, the entries, and the end mark
     for number, tag in enumerate(fractions):
-        entries[tag] = struct.pack("<HHII", tag, DATATYPE.RATIONAL, 1, behind + 8 * number)
+        entries[tag] = struct.pack("<HHII", tag, DATATYPE.RATIONAL, 1, first_fraction + 8 * number)
     values = (struct.pack("<II", *_fraction(value)) for value in fractions.values())
     return b"".join([struct.pack("<H", len(entries)), *(entries[tag] for tag in sorted(entries)), bytes(4), *values])
 
@@ -186,8 +186,8 @@ def write_dng(path: str | Path, shape: tuple[int, int], rows: Rows, about: Json,
         _tag("BlackLevelRepeatDim", DATATYPE.SHORT, (1, 1)),
         _fractions("BlackLevel", DATATYPE.RATIONAL, (negative.black_dn,)),
         _tag("WhiteLevel", DATATYPE.LONG, (negative.white_dn,)),
-        *_of_filters(negative.filters),
-        *_of_light(negative),
+        *_filter_tags(negative.filters),
+        *_colour_tags(negative),
     ]
     facts = {
         "ExposureTime": negative.exposure_time_s,
@@ -214,7 +214,8 @@ def _fraction(value: float) -> tuple[int, int]:
     return Fraction(value).limit_denominator(max(1, int(_LARGEST / max(1.0, abs(value))))).as_integer_ratio()
 
 
-def _of_light(negative: Negative) -> Iterator[Tag]:
+def _colour_tags(negative: Negative) -> Iterator[Tag]:
+    """Tags of the white point, and of a colour matrix for each illuminant."""
     if negative.neutral:
         yield _fractions("AsShotNeutral", DATATYPE.RATIONAL, negative.neutral)
     for number, (light, rows) in enumerate(negative.from_xyz.items(), start=1):
@@ -228,7 +229,8 @@ def nameless_filters(filters: Iterable[str]) -> list[str]:
     return [name for name in names if colour_of(name) is None] if len(names) > 1 else []
 
 
-def _of_filters(filters: tuple[str, ...]) -> Iterator[Tag]:
+def _filter_tags(filters: tuple[str, ...]) -> Iterator[Tag]:
+    """Tags of the mosaic of a sensor; none without one."""
     if len(set(filters)) == 1:
         return
     if unknown := nameless_filters(filters):
