@@ -36,9 +36,9 @@ BEHIND, FRONT, BACK, ODD = range(4)
 """Relation of all rays of a beam to a plane: behind their start, meeting its front, its back, or mixed [1]."""
 NOTHING, SHEET, UNDECIDED = range(3)
 """Verdict about a pixel: it sees the background only, one colour of one sheet, or possibly several surfaces."""
-_ROOM = 1.15
+_FOOTPRINT_GROWTH = 1.15
 """Enlargement of a footprint over the box around its rays [1]."""
-_BEYOND = 1.5
+_BLOCK_GROWTH = 1.5
 """Enlargement of a block over the box around its nodes [1]: a microlens lights two thirds of a step beyond them."""
 _SQUARE = 0.6
 """Part of a pixel's edge by which footprints grow [1]: half of it, and more because blocks are not quite linear."""
@@ -55,7 +55,7 @@ class Box(NamedTuple):
     top: float
 
 
-class Places(NamedTuple):
+class BlockPixels(NamedTuple):
     """Pixels and the blocks to which they belong."""
 
     positions: np.ndarray  # (n, 2), on the sensor, vision frame [mm]
@@ -70,7 +70,7 @@ class Meeting(NamedTuple):
 
     points: np.ndarray  # (b, NODES^2, 2, RAYS), x and y in the plane [mm]
     side: np.ndarray  # (b,), relation of all rays of a beam to the plane
-    more: np.ndarray  # (b, 2), margin of the footprints of pixels over the rays of their centres [mm]
+    margin: np.ndarray  # (b, 2), margin of the footprints of pixels over the rays of their centres [mm]
 
 
 class Footprints:
@@ -83,7 +83,7 @@ class Footprints:
         self._edge_mm = rig.tracer.camera.sensor.pitch_mm + 2 * rig.diffraction.reach_mm
         self._blocks = blocks
         parts = blocks_of[:, :1], blocks_of[:, 1:]
-        self._parts = [Places(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
+        self._parts = [BlockPixels(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
     def undecided(self) -> np.ndarray:
@@ -93,30 +93,34 @@ class Footprints:
     def judged(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel receive, (2, n): of the background, of one colour of a sheet, or NaN."""
+        """Light that both parts of each pixel receive, (2, n): of the background, of one colour of a sheet, or NaN.
+
+        `sheets`: flat patches with their poses vision_from_patch. `solids`: points of everything else, (m, 3).
+        """
         shape = len(self._parts), len(self._parts[0].positions)
         verdict = np.full(shape, NOTHING, np.int8)
         light = np.full(shape, background)
         for points in solids:
-            low, high = points.min(axis=0) - TOUCHING_MM, points.max(axis=0) + TOUCHING_MM
-            (left, bottom, front), (right, top, back) = low.tolist(), high.tolist()
+            left, bottom, front = (points.min(axis=0) - TOUCHING_MM).tolist()
+            right, top, back = (points.max(axis=0) + TOUCHING_MM).tolist()
             bounds = Box(left, right, bottom, top)
             across = np.tile(np.eye(4), (2, 1, 1))
             across[:, 2, 3] = front, back
             near, far = map(self._meeting, across)
-            for part, judged in zip(self._parts, verdict, strict=True):
-                look_past_solid(bounds, part, near, far, judged)
+            for part, its_verdict in zip(self._parts, verdict, strict=True):
+                judge_solid(bounds, part, near, far, its_verdict)
         for patch, pose in sheets:
             meeting = self._meeting(pose)
             colour_of_block = np.empty(len(self._blocks.step_mm))
-            whole_blocks(patch.drawing.arrays, meeting, colour_of_block)
+            colours_of_blocks(patch.drawing.arrays, meeting, colour_of_block)
             sheet = patch.drawing.arrays, np.array(patch.colours)
-            for part, judged, lit in zip(self._parts, verdict, light, strict=True):
-                look_at_sheet(*sheet, part, meeting, colour_of_block, judged, lit)
+            for part, its_verdict, its_light in zip(self._parts, verdict, light, strict=True):
+                judge_sheet(*sheet, part, meeting, colour_of_block, its_verdict, its_light)
         light[verdict == UNDECIDED] = np.nan
         return light
 
     def _meeting(self, vision_from_plane: np.ndarray) -> Meeting:
+        """Intersections of all beams with the plane z = 0 of a frame."""
         count = len(self._blocks.step_mm)
         result = Meeting(np.empty((count, NODES * NODES, 2, RAYS)), np.empty(count, np.int64), np.empty((count, 2)))
         pose = np.ascontiguousarray(vision_from_plane)
@@ -127,12 +131,12 @@ class Footprints:
 def _tiles(band: Band) -> tuple[Blocks, np.ndarray]:
     """Tiles of the sensor, independent of the rows and columns of the band, and the tile of each pixel (n, 1)."""
     tracer = band.rig.tracer
-    down, along = ((first // _TILE_PX, -(-end // _TILE_PX)) for first, end in (band.rows, band.columns))
-    y, x = (axis.ravel() for axis in np.mgrid[slice(*down), slice(*along)])
-    middle = tracer.positions_mm(*((axis + 0.5) * _TILE_PX - 0.5 for axis in (x, y)))
+    down, across = ((first // _TILE_PX, -(-end // _TILE_PX)) for first, end in (band.rows, band.columns))
+    y, x = (axis.ravel() for axis in np.mgrid[slice(*down), slice(*across)])
+    middle = tracer.positions_mm((x + 0.5) * _TILE_PX - 0.5, (y + 0.5) * _TILE_PX - 0.5)
     step = np.full(len(middle), _TILE_PX * tracer.camera.sensor.pitch_mm / (NODES - 1))
     row, column = np.mgrid[slice(*band.rows), slice(*band.columns)]
-    tile = (row // _TILE_PX - down[0]) * (along[1] - along[0]) + column // _TILE_PX - along[0]
+    tile = (row // _TILE_PX - down[0]) * (across[1] - across[0]) + column // _TILE_PX - across[0]
     return Blocks(np.full(len(middle), NO_MICROLENS), middle, step), np.ascontiguousarray(tile.reshape(-1, 1))
 
 
@@ -165,19 +169,23 @@ def meet_plane(beams, pose, edge_mm, step_mm, meeting):
                 if count == NODES * NODES * RAYS:
                     meeting.side[b] = side
         for axis in range(2):
-            meeting.more[b, axis] = _more(meeting.points[b], axis, edge_mm / step_mm[b])
+            meeting.margin[b, axis] = _margin(meeting.points[b], axis, edge_mm / step_mm[b])
 
 
 @inline
-def _more(points, axis, edge):
-    """Margin of a footprint beyond the box about the rays of a pixel's centre, on every side."""
+def _margin(points, axis, edge):
+    """Margin of a footprint beyond the box about the rays of a pixel's centre, on every side.
+
+    It has two terms: the steepest step between nodes times the edge of the pixel's square, in steps, and a share of the
+    largest third difference, which bounds the error of the cubics.
+    """
     slope, last = 0.0, 0.0
     for along in range(2):
-        stride, other = (1, NODES) if along == 0 else (NODES, 1)
+        stride, line_stride = (1, NODES) if along == 0 else (NODES, 1)
         steepest, third = 0.0, 0.0
         for line in range(NODES):
             for k in range(RAYS):
-                first = line * other
+                first = line * line_stride
                 a, b = points[first, axis, k], points[first + stride, axis, k]
                 c, d = points[first + 2 * stride, axis, k], points[first + 3 * stride, axis, k]
                 steepest = max(steepest, max(abs(b - a), max(abs(c - b), abs(d - c))))
@@ -188,7 +196,7 @@ def _more(points, axis, edge):
 
 
 @kernel
-def whole_blocks(drawing, meeting, colour):
+def colours_of_blocks(drawing, meeting, colour):
     """Colour of everything that each block sees of a sheet, (b,), written: black 0, white 1, `BESIDE` or `MIXED`."""
     for b in range(colour.shape[0]):
         colour[b] = MIXED
@@ -200,23 +208,24 @@ def whole_blocks(drawing, meeting, colour):
                 for k in range(RAYS):
                     left, right = min(left, meeting.points[b, m, 0, k]), max(right, meeting.points[b, m, 0, k])
                     bottom, top = min(bottom, meeting.points[b, m, 1, k]), max(top, meeting.points[b, m, 1, k])
-            left, right, bottom, top = _wider(left, right, bottom, top, _BEYOND, meeting.more[b])
+            left, right, bottom, top = _enlarged(left, right, bottom, top, _BLOCK_GROWTH, meeting.margin[b])
             colour[b] = colour_of_box(drawing, left, right, bottom, top)
 
 
 @inline
-def _wider(left, right, bottom, top, factor, more):
+def _enlarged(left, right, bottom, top, factor, margin):
+    """A box enlarged about its middle by a factor, and then by a margin (2,) on every side."""
     x, y = 0.5 * (left + right), 0.5 * (bottom + top)
-    a, b = factor * (right - x) + more[0], factor * (top - y) + more[1]
-    return x - a, x + a, y - b, y + b
+    half_x, half_y = factor * (right - x) + margin[0], factor * (top - y) + margin[1]
+    return x - half_x, x + half_x, y - half_y, y + half_y
 
 
 @kernel
-def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, light):
+def judge_sheet(drawing, colours, pixels, meeting, colour_of_block, verdict, light):
     """Update the verdicts of pixels by one more sheet.
 
     `colours`, (2,) float64: radiance of black and of white.
-    `colour_of_block`, (b,) float64: colours from `whole_blocks`.
+    `colour_of_block`, (b,) float64: colours from `colours_of_blocks`.
     `verdict`, (n,) int8: read and written.
     `light`, (n,) float64: written where a pixel sees the sheet alone, and one colour of it.
     """
@@ -224,13 +233,13 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
     for n in range(verdict.shape[0]):
         common_colour = math.nan
         faces = ODD
-        for j in range(places.blocks.shape[1]):
-            b = places.blocks[n, j]
+        for j in range(pixels.blocks.shape[1]):
+            b = pixels.blocks[n, j]
             if b < 0 or verdict[n] == UNDECIDED:
                 continue
             colour = colour_of_block[b]
             if colour == MIXED and meeting.side[b] != ODD:
-                left, right, bottom, top = _footprint(meeting, b, places, n, u, v)
+                left, right, bottom, top = _footprint(meeting, b, pixels, n, u, v)
                 colour = colour_of_box(drawing, left, right, bottom, top)
             side = BEHIND if colour == BESIDE else meeting.side[b]
             if colour == MIXED or not (math.isnan(common_colour) or (common_colour == colour and faces == side)):
@@ -246,11 +255,11 @@ def look_at_sheet(drawing, colours, places, meeting, colour_of_block, verdict, l
 
 
 @inline
-def _footprint(meeting, b, places, n, u, v):
-    """The box of a pixel's beam in a plane; `u` and `v` (RAYS,) are overwritten."""
-    per_step = 1.0 / places.step_mm[b]
-    x = (places.positions[n, 0] - places.centre_mm[b, 0]) * per_step + 0.5 * (NODES - 1)
-    y = (places.positions[n, 1] - places.centre_mm[b, 1]) * per_step + 0.5 * (NODES - 1)
+def _footprint(meeting, b, pixels, n, u, v):
+    """The box of the beam of pixel `n` in a plane, from block `b`; `u` and `v` (RAYS,) are overwritten."""
+    per_step = 1.0 / pixels.step_mm[b]
+    x = (pixels.positions[n, 0] - pixels.centre_mm[b, 0]) * per_step + 0.5 * (NODES - 1)
+    y = (pixels.positions[n, 1] - pixels.centre_mm[b, 1]) * per_step + 0.5 * (NODES - 1)
     wx, wy = _cubic(x), _cubic(y)
     for k in range(RAYS):
         u[k], v[k] = 0.0, 0.0
@@ -263,18 +272,18 @@ def _footprint(meeting, b, places, n, u, v):
     left, right, bottom, top = u[0], u[0], v[0], v[0]
     for k in range(1, RAYS):
         left, right, bottom, top = min(left, u[k]), max(right, u[k]), min(bottom, v[k]), max(top, v[k])
-    return _wider(left, right, bottom, top, _ROOM, meeting.more[b])
+    return _enlarged(left, right, bottom, top, _FOOTPRINT_GROWTH, meeting.margin[b])
 
 
 @inline
 def _cubic(x):
-    """Weights of the nodes 0, 1, 2, 3 in the cubic through them."""
+    """Weights of the nodes 0, 1, 2, 3 in the cubic through them at x, by Lagrange."""
     a, b, c, d = x, x - 1.0, x - 2.0, x - 3.0
     return -b * c * d / 6.0, 0.5 * a * c * d, -0.5 * a * b * d, a * b * c / 6.0
 
 
 @kernel
-def look_past_solid(bounds, places, near, far, verdict):
+def judge_solid(bounds, pixels, near, far, verdict):
     """Mark pixels as undecided if they may see an object in addition to the background or a sheet.
 
     Between two planes a ray stays within the boxes that it meets on both.
@@ -284,16 +293,17 @@ def look_past_solid(bounds, places, near, far, verdict):
     """
     u, v = np.empty(RAYS), np.empty(RAYS)
     for n in range(verdict.shape[0]):
-        for j in range(places.blocks.shape[1]):
-            b = places.blocks[n, j]
+        for j in range(pixels.blocks.shape[1]):
+            b = pixels.blocks[n, j]
             if b < 0 or verdict[n] == UNDECIDED or (near.side[b] == BEHIND and far.side[b] == BEHIND):
                 continue
             if near.side[b] == ODD or near.side[b] != far.side[b]:
                 verdict[n] = UNDECIDED
                 continue
-            left, right, bottom, top = _footprint(near, b, places, n, u, v)
-            a, c, d, e = _footprint(far, b, places, n, u, v)
-            left, right, bottom, top = min(left, a), max(right, c), min(bottom, d), max(top, e)
+            left, right, bottom, top = _footprint(near, b, pixels, n, u, v)
+            far_left, far_right, far_bottom, far_top = _footprint(far, b, pixels, n, u, v)
+            left, right = min(left, far_left), max(right, far_right)
+            bottom, top = min(bottom, far_bottom), max(top, far_top)
             # Written as "not beside", so that it also holds for a NaN bound.
             if not (right < bounds.left or left > bounds.right or top < bounds.bottom or bottom > bounds.top):
                 verdict[n] = UNDECIDED

@@ -32,7 +32,7 @@ from pipeline.targets.vectors import row
 
 @kernel
 def may_meet(boxes, origin, direction, near):
-    """Whether rays meet any axis-aligned box in front of their start.
+    """Whether rays meet any axis-aligned box in front of their start, by the slabs between opposite faces.
 
     `boxes`, (k, 2, 3) float64: lowest and highest corner.
     `near`, (n,) bool: written; true also where a ray holds NaN.
@@ -43,8 +43,9 @@ def may_meet(boxes, origin, direction, near):
             enters = 0.0
             leaves = math.inf
             for axis in range(3):
-                per = 1.0 / direction[i, axis]
-                a, b = (boxes[k, 0, axis] - origin[i, axis]) * per, (boxes[k, 1, axis] - origin[i, axis]) * per
+                per_mm = 1.0 / direction[i, axis]
+                a = (boxes[k, 0, axis] - origin[i, axis]) * per_mm
+                b = (boxes[k, 1, axis] - origin[i, axis]) * per_mm
                 enters, leaves = max(enters, min(a, b)), min(leaves, max(a, b))
             if not leaves < enters:
                 near[i] = True
@@ -201,12 +202,11 @@ class TargetLight:
         if self._is_one_sheet:
             add_light(self._lights[0].artwork, self._background, rays, pixels, wanted, image)
             return
-        hits = np.flatnonzero(wanted[pixels])
-        if len(hits) < len(pixels):
-            rays = Leaving(*(values[hits] for values in rays))
-            pixels = pixels[hits]
-        value = self.radiance(rays.origin, rays.direction)
-        add_values(rays.share, value, pixels, image)
+        chosen = np.flatnonzero(wanted[pixels])
+        if len(chosen) < len(pixels):
+            rays = Leaving(*(values[chosen] for values in rays))
+            pixels = pixels[chosen]
+        add_values(rays.share, self.radiance(rays.origin, rays.direction), pixels, image)
 
     def radiance(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:
         """Radiance that arrives along each ray, (n,); origins and directions (n, 3), vision frame."""
@@ -221,11 +221,11 @@ class TargetLight:
             self._by_embree(origin_mm, direction, light)
             return light
         self._by_sheets(origin_mm, direction, light)  # of all rays, because most are not near, and copies cost more
-        hits = np.flatnonzero(near)
-        if len(hits):
-            asked = np.full(len(hits), self._background)
-            self._by_embree(origin_mm[hits], direction[hits], asked)
-            light[hits] = asked
+        chosen = np.flatnonzero(near)
+        if len(chosen):
+            light_of_chosen = np.full(len(chosen), self._background)
+            self._by_embree(origin_mm[chosen], direction[chosen], light_of_chosen)
+            light[chosen] = light_of_chosen
         return light
 
     @property

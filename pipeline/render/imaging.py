@@ -76,8 +76,8 @@ def known_flux(band: Band) -> np.ndarray | None:
     if band.rig.images is not None or band.rig.diffraction_nm is not None or min(size_px) < _CUBIC:
         return None
     step_px = min(float(_STEP_PX), max(1.0, max(size_px) / _STEPS))
-    wanted = np.arange(*band.rows), np.arange(*band.columns)
-    rows, columns = (_Cubics.of(size, axis_pixels, step_px) for size, axis_pixels in zip(size_px, wanted, strict=True))
+    rows = _Cubics.of(sensor.height_px, np.arange(*band.rows), step_px)
+    columns = _Cubics.of(sensor.width_px, np.arange(*band.columns), step_px)
     y_px, x_px = np.meshgrid(rows.positions_px, columns.positions_px, indexing="ij")
     positions = np.stack([x_px.ravel(), y_px.ravel()], axis=1)
     planes = np.broadcast_to(parallel_planes(1.0, 2.0), (len(positions), 2, 4, 3))
@@ -98,16 +98,16 @@ class _Cubics:
     weight: np.ndarray
 
     @staticmethod
-    def of(size_px: int, wanted_px: Int64[np.ndarray, "n"], step_px: float) -> "_Cubics":
+    def of(size_px: int, pixels: Int64[np.ndarray, "n"], step_px: float) -> "_Cubics":
         """Cubics for some pixels of an edge of this length, through positions at most a step apart."""
         count = max(_CUBIC, math.ceil((size_px - 1) / step_px) + 1)
         step = (size_px - 1) / (count - 1)
-        first = np.clip((wanted_px / step).astype(int) - 1, 0, count - _CUBIC)
+        first = np.clip((pixels / step).astype(int) - 1, 0, count - _CUBIC)
         nodes = first[:, None] + np.arange(_CUBIC)
-        off = wanted_px[:, None] / step - nodes
+        from_node = pixels[:, None] / step - nodes
         weight = np.ones(nodes.shape)
         for node, other in itertools.permutations(range(_CUBIC), 2):
-            weight[:, node] *= off[:, other] / (node - other)
+            weight[:, node] *= from_node[:, other] / (node - other)
         used = np.unique(nodes)
         return _Cubics(used * step, np.searchsorted(used, nodes), weight)
 
@@ -176,8 +176,7 @@ def pictures(
     one colour is that colour times `white`; other parts are sampled.
 
     `white`: the white image of the same pixels in these two parts, relative. For a conventional camera there is no
-    second
-        part, and the noise of its rays enters images only if its white image is of the same rays.
+    second part, and the noise of its rays enters images only if its white image is of the same rays.
     """
     band = Band.of(rig, rows, columns)
     parts = white.reshape(2, -1)
@@ -216,42 +215,47 @@ def sampled(
         flux[rays.pixels] = np.bincount(rays.row, rays.leaving.share, minlength=len(rays.pixels))
         for scene, is_sampled, image in zip(scenes, wanted, result, strict=True):
             scene.add(rays, part, is_sampled.ravel(), image)
-    result, flux = _relative(band.rig, result), _relative(band.rig, flux)
+    result = _relative(band.rig, result)
+    flux = _relative(band.rig, flux)
     if exact is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
-            estimate = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
-        for is_sampled, image, radiance in zip(wanted[:, 0], result, estimate, strict=True):
-            image[:count][is_sampled] += _steadied(radiance.reshape(band.shape), exact - flux)[is_sampled]
+            mean = np.where(wanted[:, 0], np.where(flux > 0, result[:, :count] / flux, np.nan), colour[:, 0])
+        for is_sampled, image, radiance in zip(wanted[:, 0], result, mean, strict=True):
+            correction = _control_variate(radiance.reshape(band.shape), exact - flux)
+            image[:count][is_sampled] += correction[is_sampled]
     return result.reshape(wanted.shape)
 
 
-def _steadied(colour: Float64[np.ndarray, "y x"], missing: Float64[np.ndarray, "n"]) -> np.ndarray:
-    """Control variate: light to add to each pixel because its rays carry more or less flux than the exact flux,
-    (n,).
+def _control_variate(radiance: Float64[np.ndarray, "y x"], missing_flux: Float64[np.ndarray, "n"]) -> np.ndarray:
+    """Light to add to each pixel because its rays carry less flux than the exact flux, or more, (n,).
+
+    It is the missing flux times a radiance: of those that the pixel and its neighbours on both sides see, the least.
+    Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark one.
+    Neighbours have random numbers of their own, so that they bring no bias. A pixel darker than both becomes the mean
+    radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and so little is the
+    bias of such a quotient.
     """
-    # A control variate: the missing flux times the radiance that the pixel and those on both sides see, of the darkest
-    # one. Where all see one radiance, no noise of rays is left; at an edge nothing of the bright side comes to the dark
-    # one. The pixels beside have random numbers of their own, so that they bring no bias. A pixel darker than both
-    # becomes the mean radiance of its rays times the known flux: weights of rays that leave differ by a thousandth, and
-    # so little is the bias of such a quotient.
-    beside = np.pad(colour, ((0, 0), (1, 1)), constant_values=np.nan)
-    darkest = np.fmin(np.fmin(beside[:, :-2], beside[:, 2:]), colour)
-    return np.asarray(np.nan_to_num(darkest).ravel() * missing)
+    padded = np.pad(radiance, ((0, 0), (1, 1)), constant_values=np.nan)
+    darkest = np.fmin(np.fmin(padded[:, :-2], padded[:, 2:]), radiance)
+    return np.asarray(np.nan_to_num(darkest).ravel() * missing_flux)
 
 
 def _counts(samples: int, white: np.ndarray, wanted: np.ndarray, strata: np.ndarray) -> np.ndarray:
-    """Rays through each microlens that lights a pixel, (n, s): all samples for those with most of its light."""
-    # For a given total error the number of samples should grow with the root of the light; a quarter of them is the
-    # least. `white` and `wanted`, (2, n): light of both parts of each pixel, and whether it is sampled.
+    """Rays through each microlens that lights a pixel, (n, s): all samples for those with most of its light.
+
+    For a given total error the number of samples should grow with the root of the light; a quarter of them is the
+    least. `white` and `wanted`, (2, n): light of both parts of each pixel, and whether it is sampled.
+    """
     with np.errstate(invalid="ignore"):  # dark pixels
         share = np.sqrt(white / white.sum(axis=0))
     least = max(1, samples // _FEWEST)
     number = np.full(share.shape, samples)
-    while (fewer := (number // 2 >= least) & (share * samples <= number // 2)).any():
-        number[fewer] //= 2
+    # Halve numbers as long as they stay enough: a number that is a power of two keeps Sobol points even.
+    while (is_halved := (number // 2 >= least) & (share * samples <= number // 2)).any():
+        number[is_halved] //= 2
     number[~wanted] = 0
-    places = (np.arange(strata.shape[1]) > 0).astype(int)
-    return np.where(strata == SKIP, 0, number[places].T)
+    part = (np.arange(strata.shape[1]) > 0).astype(int)  # the first microlens is that of the pixel's cell
+    return np.where(strata == SKIP, 0, number[part].T)
 
 
 def _relative(rig: Rig, flux: np.ndarray) -> np.ndarray:

@@ -55,9 +55,9 @@ def batch_of(samples: int | Batch) -> Batch:
     return samples if isinstance(samples, Batch) else Batch(samples)
 
 
-def joined(before: Float64[np.ndarray, "..."] | None, now: Float64[np.ndarray, "..."]) -> np.ndarray:
-    """Means over all samples so far, from those over all earlier passes and over this one, which has as many."""
-    return now if before is None else 0.5 * (before + now)
+def joined(earlier: Float64[np.ndarray, "..."] | None, new: Float64[np.ndarray, "..."]) -> np.ndarray:
+    """Means over all samples, from those over all earlier passes and over a new one, which has as many."""
+    return new if earlier is None else 0.5 * (earlier + new)
 
 
 def standard_error(replicas: Float64[np.ndarray, "replicas ..."]) -> np.ndarray:
@@ -95,7 +95,8 @@ class Band:
     def of(cls, rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> "Band":
         """The band of some rows and columns, by default all."""
         width_px, height_px = rig.tracer.camera.sensor.size_px
-        rows, columns = rows or (0, height_px), columns or (0, width_px)
+        rows = rows or (0, height_px)
+        columns = columns or (0, width_px)
         strata = pixel_strata(rig.tracer, rig.images, rows, rig.diffraction.reach_mm, columns)
         return cls(rig, rows, columns, positions_of(rig.tracer, rows, columns), strata)
 
@@ -120,7 +121,7 @@ class PixelRays:
 
 
 @dataclass(frozen=True, slots=True)
-class _Wanted:
+class _RayRequest:
     """Requested rays of a band: number per pixel and microlens, and the samples that they are."""
 
     band: Band
@@ -133,6 +134,7 @@ class _Wanted:
         return Samples(sobol_bits(self.batch.end), self.batch.seed(tracer.seed), tracer.camera.sensor.pitch_mm)
 
     def squares(self, indices: Int64[np.ndarray, "m"]) -> Squares:
+        """Squares of some pixels of the band, from which their rays start."""
         row, column = np.divmod(indices, self.band.shape[1])
         counts = self.counts[indices]
         strata = np.where(counts > 0, self.band.strata[indices], SKIP)
@@ -146,60 +148,62 @@ class _Wanted:
 
 def rays_of(band: Band, batch: Batch, counts: Int64[np.ndarray, "n s"]) -> Iterator[PixelRays]:
     """Rays of all pixels, this many through each microlens; the next stretch reuses the arrays of the last."""
-    return (_by_processor if band.rig.device is None else _by_device)(_Wanted(band, batch, counts))
+    request = _RayRequest(band, batch, counts)
+    return _by_processor(request) if band.rig.device is None else _by_device(request)
 
 
-def _by_processor(wanted: _Wanted) -> Iterator[PixelRays]:
-    tracer = wanted.band.rig.tracer
-    samples = wanted.samples
+def _by_processor(request: _RayRequest) -> Iterator[PixelRays]:
+    """Rays traced by the processor, in stretches that stay in its cache."""
+    tracer = request.band.rig.tracer
+    samples = request.samples
     buffer = room_for(0)
-    of_pixel = wanted.counts.sum(axis=1)
-    pixels = np.flatnonzero(of_pixel)
-    for first, end in _stretches(of_pixel[pixels], _RAYS_PER_CHUNK):
+    rays_of_pixel = request.counts.sum(axis=1)
+    pixels = np.flatnonzero(rays_of_pixel)
+    for first, end in _stretches(rays_of_pixel[pixels], _RAYS_PER_CHUNK):
         stretch = pixels[first:end]
-        started = int(of_pixel[stretch].sum())
+        started = int(rays_of_pixel[stretch].sum())
         if len(buffer.share) < started:
             buffer = room_for(started)
-        squares = wanted.squares(stretch)
-        left = bundle_kernels.image_rays(tracer.arrays, samples, squares, wanted.band.rig.diffraction, buffer)
+        squares = request.squares(stretch)
+        leaving = bundle_kernels.image_rays(tracer.arrays, samples, squares, request.band.rig.diffraction, buffer)
         bundle_kernels.image_rays.count(started, len(tracer.table))
-        yield wanted.rays(stretch, squares, buffer.first(left))
+        yield request.rays(stretch, squares, buffer.first(leaving))
 
 
-def _by_device(wanted: _Wanted) -> Iterator[PixelRays]:
+def _by_device(request: _RayRequest) -> Iterator[PixelRays]:
     """Rays traced on a device for large groups of pixels, but handed on in stretches as short as `_by_processor` has:
     processors shade them, and a stretch stays in their cache.
     """
     from pipeline.camera.on_device import ImageRays, leaving_rays
 
-    tracer = wanted.band.rig.tracer
-    of_pixel = wanted.counts.sum(axis=1)
+    tracer = request.band.rig.tracer
+    rays_of_pixel = request.counts.sum(axis=1)
     buffer = room_for(_RAYS_PER_CHUNK)
-    assert wanted.band.rig.device is not None
-    tracing = ImageRays(wanted.band.rig.device, tracer.arrays, wanted.samples, wanted.band.rig.diffraction)
-    pixels = np.flatnonzero(of_pixel)
-    for first, end in _stretches(of_pixel[pixels], _RAYS_ON_DEVICE):
-        # Trace all rays that start at a group of pixels; those that are blocked keep their places among them.
+    assert request.band.rig.device is not None
+    tracing = ImageRays(request.band.rig.device, tracer.arrays, request.samples, request.band.rig.diffraction)
+    pixels = np.flatnonzero(rays_of_pixel)
+    for first, end in _stretches(rays_of_pixel[pixels], _RAYS_ON_DEVICE):
+        # Trace all rays that start at a group of pixels; those that are blocked keep their positions among them.
         group = pixels[first:end]
-        rays = tracing.started(wanted.squares(group))
+        rays = tracing.started(request.squares(group))
         # Copy those that leave the camera, stretch by stretch. A pixel with more rays than a stretch needs more room.
         started_before = 0
-        for low, high in _stretches(of_pixel[group], _RAYS_PER_CHUNK):
+        for low, high in _stretches(rays_of_pixel[group], _RAYS_PER_CHUNK):
             stretch = group[low:high]
-            squares = wanted.squares(stretch)
-            started = int(of_pixel[stretch].sum())
+            squares = request.squares(stretch)
+            started = int(rays_of_pixel[stretch].sum())
             buffer = buffer if started <= len(buffer.share) else room_for(started)
-            left = leaving_rays(rays, started_before, squares.counts, buffer)
-            yield wanted.rays(stretch, squares, buffer.first(left))
+            leaving = leaving_rays(rays, started_before, squares.counts, buffer)
+            yield request.rays(stretch, squares, buffer.first(leaving))
             started_before += started
 
 
-def _stretches(rays: Int64[np.ndarray, "n"], most: int) -> Iterator[tuple[int, int]]:
-    """First and end of stretches of pixels that start at most `most` rays together; a pixel with more is alone."""
-    before = np.concatenate([[0], np.cumsum(rays)])
+def _stretches(rays: Int64[np.ndarray, "n"], most_rays: int) -> Iterator[tuple[int, int]]:
+    """First and end of stretches of pixels that start so many rays together at most; a pixel with more is alone."""
+    before = np.concatenate([[0], np.cumsum(rays)])  # rays of all pixels before each
     first = 0
     while first < len(rays):
-        end = int(np.searchsorted(before, before[first] + most, side="right")) - 1
+        end = int(np.searchsorted(before, before[first] + most_rays, side="right")) - 1
         end = min(max(end, first + 1), len(rays))
         yield first, end
         first = end

@@ -53,7 +53,8 @@ class FieldTransmission:
 
     def relative_rows(self, first: int, end: int, width: int) -> np.ndarray:
         """Transmission of the pixels of some rows over that of the axis, (end - first, width)."""
-        columns, rows = np.arange(width, dtype=float), np.arange(first, end, dtype=float)
+        columns = np.arange(width, dtype=float)
+        rows = np.arange(first, end, dtype=float)
         nodes = tuple(np.array(axis_nodes) for axis_nodes in self.places)
         shares = np.array(self.shares)
         if len(nodes) == 2:
@@ -69,7 +70,7 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
     """Transmission of a lens over the image, by the losses at each wavelength of the light.
 
     None where the value on the axis holds everywhere, because the lens is lossless, or where it is unavailable: behind
-    microlenses.
+    microlenses. Nodes lie along heights if lens and stop are symmetric about the axis, else in a grid.
     """
     if camera.microlenses is not None or not any(losses_of_each):
         return None
@@ -84,10 +85,10 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
 
     def share(x_px: float, y_px: float) -> float:
         """The mean over all wavelengths, by their signals; NaN where there is no light."""
-        total, passed = 0.0, 0.0
-        for of_signal, tracer, losses in parts:
+        total = passed = 0.0
+        for signal_share, tracer, losses in parts:
             rays = bundle_behind(tracer, float(x_px), float(y_px), NO_MICROLENS, RAYS, drawn_at)
-            weight = of_signal * float(rays.weight_sr.sum())
+            weight = signal_share * float(rays.weight_sr.sum())
             if weight > 0:
                 total = total + weight
                 passed = passed + weight * _passed(rays, tracer, losses)
@@ -163,13 +164,17 @@ def _along_heights(tracer: Tracer, axis_px: np.ndarray, share: Callable[[float, 
     def at(height_px: float) -> float:
         return share(*(axis_px + height_px / farthest_px * corner_px))
 
-    lit = end = farthest_px
-    if np.isnan(at(end)):
+    # If the corner is dark, light ends between the axis and the corner: bisect for the height of its end.
+    lit = dark = farthest_px
+    if np.isnan(at(dark)):
         lit = 0.0
         for _ in range(_BISECTIONS):
-            middle = (lit + end) / 2
-            lit, end = (lit, middle) if np.isnan(at(middle)) else (middle, end)
-    return _refined((np.linspace(0.0, lit, _FIRST_NODES),), lambda places: np.array([at(px) for px in places[0]]))
+            middle = (lit + dark) / 2
+            if np.isnan(at(middle)):
+                dark = middle
+            else:
+                lit = middle
+    return _refined((np.linspace(0.0, lit, _FIRST_NODES),), lambda nodes: np.array([at(px) for px in nodes[0]]))
 
 
 def _refined(
@@ -197,12 +202,12 @@ def _filled(shares: np.ndarray) -> np.ndarray:
     return np.asarray(shares[tuple(distance_transform_edt(dark, return_distances=False, return_indices=True))])
 
 
-def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, places: tuple[np.ndarray, ...]) -> np.ndarray:
+def _between(nodes: tuple[np.ndarray, ...], shares: np.ndarray, positions: tuple[np.ndarray, ...]) -> np.ndarray:
     """Cubic splines through the shares at nodes, along one axis after the other, at the tensor product of positions."""
     from scipy.interpolate import CubicSpline
 
     # By height they are even: no slope on the axis.
     start = (1, np.zeros(())) if len(nodes) == 1 else "not-a-knot"
-    for axis, (coarse, fine) in enumerate(zip(nodes, places, strict=True)):
+    for axis, (coarse, fine) in enumerate(zip(nodes, positions, strict=True)):
         shares = CubicSpline(coarse, shares, axis=axis, bc_type=(start, "not-a-knot"))(fine)
     return shares

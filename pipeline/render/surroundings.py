@@ -63,7 +63,7 @@ _MESH_MM, _GRAZING = 0.01, 10.0
 """Margin around a bent mesh near its own points [mm]; factor [1] for its sag and for the distance of marked points from
 it, along grazing rays.
 """
-_SOME = 97
+_STRIDE = 97
 """Stride of the points that are examined first: a prime, so that it does not coincide with the rows of a mesh."""
 _PRODUCTS_AT_ONCE = 1 << 23
 """Products of planes and points computed at once: 64 MiB; results do not depend on it."""
@@ -105,10 +105,10 @@ class Surroundings:
         is_hidden = np.zeros(len(point_mm), bool)
         height = np.sum(point_mm * front, axis=1) + _TOUCHING_MM
         # A part of the points decides for most planes, all of them for the rest.
-        for points in (self._points[::_SOME], self._points):
-            left = np.flatnonzero(~is_hidden)
+        for points in (self._points[::_STRIDE], self._points):
+            undecided = np.flatnonzero(~is_hidden)
             at_once = max(1, _PRODUCTS_AT_ONCE // max(1, len(points)))
-            for chunk in (left[start : start + at_once] for start in range(0, len(left), at_once)):
+            for chunk in (undecided[start : start + at_once] for start in range(0, len(undecided), at_once)):
                 is_hidden[chunk] = (front[chunk] @ points.T).max(axis=1, initial=-np.inf) > height[chunk]
         return is_hidden
 
@@ -134,13 +134,17 @@ class Surroundings:
             to_plane = _dot(point_mm - origin_mm, front) / _dot(direction, front)
             hidden = (triangle >= 0) & (path < to_plane - _TOUCHING_MM)
         if target in self._bent:
-            itself = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
-            if itself.any():
-                start, towards, point = origin_mm[itself], direction[itself], point_mm[itself]
-                apart, blur = (
-                    np.linalg.norm(start + along[itself, None] * towards - point, axis=1) for along in (path, to_plane)
+            by_itself = hidden & (triangle >= self._triangles[target]) & (triangle < self._triangles[target + 1])
+            if by_itself.any():
+                start = origin_mm[by_itself]
+                towards = direction[by_itself]
+                point = point_mm[by_itself]
+                # Distances from the point at which the ray meets the mesh, and the tangent plane
+                to_hit, to_meeting = (
+                    np.linalg.norm(start + along[by_itself, None] * towards - point, axis=1)
+                    for along in (path, to_plane)
                 )
-                hidden[itself] = apart > 2 * blur + self._reach(target)
+                hidden[by_itself] = to_hit > 2 * to_meeting + self._reach(target)
         return hidden
 
     def distance_mm(self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]) -> np.ndarray:

@@ -33,9 +33,10 @@ def gauss_nodes(points: Table, count: int) -> tuple[np.ndarray, np.ndarray]:
     Returns (count,), (count,) float64: ascending wavelengths [nm], and shares, which sum up to 1.
     """
     point, share = points
-    middle, half = (point[0] + point[-1]) / 2, (point[-1] - point[0]) / 2
-    diagonal, beside = _recurrence((point - middle) / half, share / share.sum(), count)
-    values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    middle = (point[0] + point[-1]) / 2
+    half = (point[-1] - point[0]) / 2
+    diagonal, off_diagonal = _stieltjes((point - middle) / half, share / share.sum(), count)
+    values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal, 1) + np.diag(off_diagonal, -1))
     return middle + half * values, vectors[0] ** 2
 
 
@@ -47,17 +48,22 @@ def slices_of(points: Table, shares: Float64[np.ndarray, "n"]) -> tuple[Slices, 
     between multiples of 5 nm.
     """
     point, weight = points
+    # Cumulative weight at the end of each point's share, and at each cut between slices
     ends, cuts = (
         np.concatenate([[0.0], np.cumsum(parts) / parts.sum()]) for parts in (weight, np.repeat(shares, SLICES))
     )
+    # Weight of each point inside each slice, (slices, points)
     inside = np.diff(np.clip(ends, cuts[:-1, None], cuts[1:, None]), axis=1)
+    # Share it out to the two multiples of 5 nm around the point, by linear interpolation.
     phase = point / _GRID_NM - np.floor(point[0] / _GRID_NM)
-    before = phase.astype(np.int64)
-    above = phase % 1.0
-    grid_nm = _GRID_NM * (np.floor(point[0] / _GRID_NM) + np.arange(before[-1] + 2))
-    near = [np.bincount(before, row * (1.0 - above), len(grid_nm)) for row in inside]
-    far = [np.bincount(before + 1, row * above, len(grid_nm)) for row in inside]
-    slices = [_slice(grid_nm, near_part + far_part) for near_part, far_part in zip(near, far, strict=True)]
+    below = phase.astype(np.int64)
+    fraction = phase % 1.0
+    grid_nm = _GRID_NM * (np.floor(point[0] / _GRID_NM) + np.arange(below[-1] + 2))
+    slices = []
+    for weights in inside:
+        at_lower = np.bincount(below, weights * (1.0 - fraction), len(grid_nm))
+        at_upper = np.bincount(below + 1, weights * fraction, len(grid_nm))
+        slices.append(_slice(grid_nm, at_lower + at_upper))
     return tuple(tuple(slices[first : first + SLICES]) for first in range(0, len(slices), SLICES))
 
 
@@ -69,12 +75,14 @@ def points_of(*tables: Table, counts_photons: bool = False) -> Table:
     """
     for table in tables:
         require_spectrum(*table)
-    low, high = max(table[0][0] for table in tables), min(table[0][-1] for table in tables)
+    low = max(table[0][0] for table in tables)
+    high = min(table[0][-1] for table in tables)
     if not low < high:
         ranges = " and ".join(f"from {table[0][0]:g} to {table[0][-1]:g} nm" for table in tables)
         raise SpectrumError(f"spectra {ranges} have no wavelength in common")
     entries = np.unique(np.concatenate([[low, high], *(table[0] for table in tables)]))
     entries = entries[(entries >= low) & (entries <= high)]
+    # Gauss-Legendre on pieces of at most 5 nm, whose ends include all entries of the tables
     node, part = np.polynomial.legendre.leggauss(8)
     pieces = np.ceil(np.diff(entries) / _STEP_NM).astype(int)
     spans = zip(entries[:-1], entries[1:], pieces, strict=True)
@@ -99,24 +107,29 @@ def require_spectrum(wavelengths_nm: Float64[np.ndarray, "m"], weight: Float64[n
 
 
 def _slice(grid_nm: np.ndarray, weight: np.ndarray) -> Slice:
+    """A slice of the wavelengths that have a weight."""
     weight = weight if weight.any() else np.ones(len(weight))  # too little light for a float, so that any colour does
     lit = np.flatnonzero(weight > 0)
     shares = weight[lit] / weight.sum()
     return Slice(wavelengths_nm=tuple(grid_nm[lit].tolist()), shares=tuple(shares.tolist()))
 
 
-def _recurrence(x: np.ndarray, share: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Recurrence coefficients of the orthonormal polynomials of a discrete weight: the Stieltjes procedure.
+def _stieltjes(x: np.ndarray, share: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Recurrence coefficients of the orthonormal polynomials of a discrete weight, diagonal (count,) and off-diagonal
+    (count - 1,) of the Jacobi matrix: b_k p_k+1 = (x - a_k) p_k - b_k-1 p_k-1.
 
     Source: W. Gautschi, "Orthogonal Polynomials: Computation and Approximation", Oxford 2004, section 2.2.3.
     """
-    diagonal, beside = np.empty(count), np.empty(count - 1)
-    previous, current = np.zeros_like(x), np.ones_like(x)
-    for number in range(count):
-        diagonal[number] = share @ (x * current**2)
-        if number == count - 1:
+    diagonal = np.empty(count)
+    off_diagonal = np.empty(count - 1)
+    previous = np.zeros_like(x)
+    current = np.ones_like(x)
+    for k in range(count):
+        diagonal[k] = share @ (x * current**2)
+        if k == count - 1:
             break
-        following = (x - diagonal[number]) * current - (beside[number - 1] if number else 0.0) * previous
-        beside[number] = np.sqrt(share @ following**2)
-        previous, current = current, following / beside[number]
-    return diagonal, beside
+        following = (x - diagonal[k]) * current - (off_diagonal[k - 1] if k else 0.0) * previous
+        off_diagonal[k] = np.sqrt(share @ following**2)
+        previous = current
+        current = following / off_diagonal[k]
+    return diagonal, off_diagonal

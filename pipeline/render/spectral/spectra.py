@@ -104,6 +104,7 @@ def patches_and_observer(wavelengths_nm: Float64[np.ndarray, "m"]) -> tuple[np.n
 
 
 def _existing(name: str, names: list[str], kind: str) -> str:
+    """The name if it is one of the names; SpectrumError with a suggestion if it is not."""
     if name in names:
         return name
     best = nearest(name, names)

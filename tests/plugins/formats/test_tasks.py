@@ -220,7 +220,7 @@ def test_an_export_that_fails_is_named_and_loses_only_itself(laboratory, tmp_pat
     fourth = built(text.replace(', "corner-table"', ""), targets=["exports/npz"])
     assert (
         fourth.executed == 0
-        and fourth.asked is None
+        and fourth.requested is None
         and sorted(path.name for path in (out / "exports").iterdir()) == ["npz"]
     )
 
