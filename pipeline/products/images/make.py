@@ -112,8 +112,7 @@ class Rendered(NamedTuple):
 def image_of_strips(inputs: Inputs, stated_noise: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
     """An image of strips, the roles `tile0`, `tile1`, …; the mean over its replicas.
 
-    `stated_noise` is that of the stage, relative to the mean of the image; `replicas` returns the images
-    (replicas, h, w) of a strip.
+    `stated_noise` is relative to the mean of the image; `replicas` returns the images (replicas, h, w) of a strip.
     """
     strips = range(sum(role.startswith(STRIP) for role in inputs))
     images = (replicas(strip) for strip in strips)
@@ -376,7 +375,6 @@ def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
 def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
     """Write `name`.exr, relative irradiance with its reference in the header, `name`.png, an 8-bit preview, and for
     tasks that read it an array."""
-    pixels = image.pixels
     by_area = tracer.camera.weight == "area"
     measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
     attributes = {
@@ -385,9 +383,10 @@ def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, trace
         **labels_of(exposure),
         **(image.labels or {}),
     }
-    write_bands(out / f"{name}.exr", [part_of(name, pixels, attributes), *image.parts])
-    write_npy(out / light_file(name), pixels.astype(np.float32))
-    write_png(out / f"{name}.png", in_bands(len(pixels), lambda first, end: srgb_preview(pixels[first:end], 1.0)))
+    write_bands(out / f"{name}.exr", [part_of(name, image.pixels, attributes), *image.parts])
+    write_npy(out / light_file(name), image.pixels.astype(np.float32))
+    preview = in_bands(len(image.pixels), lambda first, end: srgb_preview(image.pixels[first:end], 1.0))
+    write_png(out / f"{name}.png", preview)
 
 
 def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
