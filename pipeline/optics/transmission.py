@@ -15,7 +15,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from pipeline.optics.prescription import PrescriptionError
-from pipeline.optics.rays import incidence, traced
+from pipeline.optics.rays import dot, incidence, traced
 from pipeline.optics.table import INDEX_RATIO, TERMS
 from pipeline.records.declared import settle
 from pipeline.records.shapes import Float64
@@ -208,7 +208,7 @@ def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray, behi
     for row in table:
         before, behind = behind, behind / row[INDEX_RATIO]
         point, bent, passes = traced(row[None], position_mm, direction)
-        path_mm = np.sum((point - position_mm) * direction, axis=1)
+        path_mm = dot(point - position_mm, direction)
         yield _Met(row, path_mm, direction, bent, passes, incidence(row, point, direction), before, behind)
         position_mm, direction = point, bent
 
@@ -225,8 +225,8 @@ def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Floa
     # The normal lies along n' d' - n d, whose length is n' cos r - n cos i.
     normal = behind - index_ratio * before
     with np.errstate(invalid="ignore"):
-        normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-        cos_i, cos_r = (np.abs(np.sum(normal * ray, axis=1)) for ray in (before, behind))
+        normal = normal / np.sqrt(dot(normal, normal))[:, None]
+        cos_i, cos_r = (np.abs(dot(normal, ray)) for ray in (before, behind))
         s = (index_ratio * cos_i - cos_r) / (index_ratio * cos_i + cos_r)
         p = (index_ratio * cos_r - cos_i) / (index_ratio * cos_r + cos_i)
     return np.stack([1 - s**2, 1 - p**2])

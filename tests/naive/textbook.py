@@ -93,20 +93,25 @@ def _meet(
         return position + t[:, None] * direction, np.tile([0.0, 0.0, -1.0], (len(t), 1)), np.ones(len(t), bool)
     centre = vertex - [0.0, 0.0, radius_mm]
     offset = position - centre
-    along = np.sum(offset * direction, axis=1)
-    squared = along**2 - np.sum(offset**2, axis=1) + radius_mm**2
+    along = _dot(offset, direction)
+    squared = along**2 - _dot(offset, offset) + radius_mm**2
     roots = np.stack([-along - np.sqrt(squared), -along + np.sqrt(squared)])
     points = position + roots[..., None] * direction
     point = np.where((points[0, :, 2] - centre[2])[:, None] * radius_mm > 0, points[0], points[1])
     other = np.where((points[1, :, 2] - centre[2])[:, None] * radius_mm > 0, points[1], points[0])
     point = np.where((np.abs(point[:, 2] - vertex[2]) <= np.abs(other[:, 2] - vertex[2]))[:, None], point, other)
     normal = (point - centre) / radius_mm
-    return point, np.where((np.sum(normal * direction, axis=1) > 0)[:, None], -normal, normal), squared >= 0
+    return point, np.where((_dot(normal, direction) > 0)[:, None], -normal, normal), squared >= 0
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Scalar products of vectors (n, 3), a third of the time of a sum over so short an axis."""
+    return np.einsum("ij,ij->i", a, b)
 
 
 def _refract(direction: np.ndarray, normal: np.ndarray, ratio: float) -> tuple[np.ndarray, np.ndarray]:
     """Snell's law as vectors, and whether there is no total reflection; `ratio` is index before over index behind."""
-    cosine = -np.sum(direction * normal, axis=1)
+    cosine = -_dot(direction, normal)
     squared = 1 - ratio**2 * (1 - cosine**2)
     behind = ratio * direction + (ratio * cosine - np.sqrt(squared))[:, None] * normal
     return behind, squared >= 0

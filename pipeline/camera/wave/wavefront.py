@@ -26,7 +26,7 @@ from pipeline.camera.tracing.microlens_kernels import PLAIN, THIN, TWO_PLANE
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, outlines_around
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
-from pipeline.optics.rays import traced
+from pipeline.optics.rays import dot, traced
 from pipeline.optics.table import INDEX_RATIO, POSE, TERMS, motion_of, towards_scene
 from pipeline.records.shapes import Bool, Float64
 
@@ -63,7 +63,7 @@ def with_path(table: Float64[np.ndarray, "surfaces columns"], rays: PathRays) ->
     """Trace rays through all surfaces of a table from `optics.table`, to the last one."""
     for row in table:
         position, direction, passes = traced(row[None], rays.position_mm, rays.direction)
-        path = rays.path_mm + rays.medium * np.sum((position - rays.position_mm) * rays.direction, axis=1)
+        path = rays.path_mm + rays.medium * dot(position - rays.position_mm, rays.direction)
         bent = PathRays(position, direction, rays.passes & passes, path, rays.medium / row[INDEX_RATIO])
         if row[TERMS] < 0:
             bent = bent._replace(path_mm=path + _path_of_ideal_lens(row, bent, rays.direction))
@@ -94,8 +94,8 @@ def ideal_path(
 
 
 def _path_across(offset: np.ndarray, middle: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    roots = np.sqrt(1 + middle @ middle) + np.sqrt(1 + np.sum(slope**2, axis=1))
-    return np.sum((middle + slope) * offset, axis=1) / roots
+    roots = np.sqrt(1 + middle @ middle) + np.sqrt(1 + dot(slope, slope))
+    return dot(middle + slope, offset) / roots
 
 
 def sent(
