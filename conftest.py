@@ -10,6 +10,7 @@ from pipeline.machine.processor import pin
 pin()  # before anybody imports NumPy: tests compute as the command does
 
 import checked_shapes  # noqa: E402
+import pytest  # noqa: E402
 
 checked_shapes.install()  # before anybody imports a module that has shapes
 
@@ -19,6 +20,28 @@ os.environ["PIPELINE_REPORT"] = "no"
 # A shell that runs this in the background tells it to ignore Ctrl-C, and what the tests start would ignore it too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    """Tests of minutes begin first, each in another worker: one that began last would leave the other cores idle.
+
+    To begin with, pytest-xdist gives each worker a stretch of the list, in its order.
+    """
+    workers = getattr(config, "workerinput", {"workercount": 1})["workercount"]
+    long = sorted(filter(_minutes, items), key=_minutes, reverse=True)
+    short, total = [item for item in items if not _minutes(item)], len(items)
+    items.clear()
+    for number in range(workers):
+        first = long[number::workers]
+        count = max((total - len(items)) // (workers - number) - len(first), 0)
+        items += [*first, *short[:count]]
+        del short[:count]
+
+
+def _minutes(item):
+    mark = item.get_closest_marker("heavy")
+    return mark.kwargs.get("minutes", 0) if mark else 0
 
 
 def pytest_collection():

@@ -222,7 +222,7 @@ def test_all_stages_of_the_arena_are_flawless(tmp_path, step):
     assert len(stages) > 3 and {name: found for name, found in problems.items() if found} == {}
 
 
-@pytest.mark.heavy
+@pytest.mark.heavy(minutes=4)
 def test_a_small_arena_runs_and_its_best_calibration_is_near_the_truth(tmp_path):
     command = [sys.executable, EXAMPLE / "arena.py", "conventional", "--small", "--out", tmp_path]
     subprocess.run([*command, "--only", "OpenCV SB", "Brown", "twin"], check=True, cwd=EXAMPLE.parents[1])

@@ -203,7 +203,7 @@ def test_an_ideal_lens_with_its_pupil_in_itself_refocuses_where_it_images():
     assert bench.distance_mm(shift, ARRAY_MM) == pytest.approx(z)
 
 
-@pytest.mark.heavy
+@pytest.mark.heavy(minutes=3)
 def test_a_small_arena_of_plenoptic_cameras_runs(tmp_path):
     """With what package indexes have: the thin lens of our own, and plenopticam, which finds centroids."""
     command = [sys.executable, EXAMPLE / "arena.py", "plenoptic", "--small", "--out", tmp_path]

@@ -45,7 +45,7 @@ def test_a_python_without_its_lock_is_refused_with_a_sentence():
     assert done.returncode == 1 and "free-threaded" in done.stderr.splitlines()[-1]
 
 
-@pytest.mark.heavy
+@pytest.mark.heavy(minutes=1)
 @pytest.mark.skipif(sys.version_info[:2] != (3, 11), reason="the oldest versions have wheels for the oldest Python")
 def test_the_lowest_versions_of_all_libraries_make_the_same(tmp_path, conventional_build, plenoptic_build):
     python = str(tmp_path / "venv/bin/python")

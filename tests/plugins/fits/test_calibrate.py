@@ -199,7 +199,7 @@ def scattered(folder: Path, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     return np.array(errors), chi, expected
 
 
-@pytest.mark.heavy
+@pytest.mark.heavy(minutes=3)
 def test_numbers_scatter_by_the_stated_covariance_and_so_does_chi_squared(tmp_path):
     """Of twelve fits, with errors of 8 numbers each: stated deviations that are 1.3 times too small or too large fail.
     TWIN_SEEDS=100 takes a quarter of an hour, and tells a tenth: docs/evidence.md."""

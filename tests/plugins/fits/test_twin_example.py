@@ -22,7 +22,7 @@ from pipeline.plugins.fits.free_numbers import FreeStage
 EXAMPLE = ROOT / "examples/14_twin"
 
 
-@pytest.mark.heavy
+@pytest.mark.heavy(minutes=4)
 @pytest.mark.parametrize(
     ("script", "told", "apart_px"),
     [("twin", ["/Twin/Rig/Sensor.plen:offset[0]"], 0.05), ("plenoptic", ["/Twin/Rig/Microlenses.plen:pitch"], 0.1)],
