@@ -38,8 +38,8 @@ from snapshots import SOURCES  # noqa: E402
 
 Results = dict[str, Any]
 HALVES = ["conventional", "plenoptic"]
-REPEATS, NOISY = 3, 6
-"""Images of every view, each with noise of its own; repeats of the calibration with noise."""
+REPEATS, NOISY, PLENOPTIC_NOISY = 3, 6, 3
+"""Images of every view, each with noise of its own; repeats of the calibration with noise, of either half."""
 SMALL = ("sharp", "noise")
 
 
@@ -137,8 +137,8 @@ def plenoptic(asked: argparse.Namespace, names: list[str], out: Path) -> None:
             name = f"{rig.name} {flaw}"
             print(name, flush=True)
             camera, is_first = with_flaw(small(rig) if asked.small else rig, flaw), flaw == "designed"
-            folder = place / name.replace(" ", "_")
-            case = compete.case(camera, folder, ready, has_noise=is_first, has_images=is_first and not asked.quick)
+            folder, noisy = place / name.replace(" ", "_"), PLENOPTIC_NOISY if is_first else 0
+            case = compete.case(camera, folder, ready, noisy=noisy, has_images=is_first and not asked.quick)
             results = {"about": about(began), "rigs": {rig.name: rig.what}, "flaws": {flaw: FLAWS[flaw]}}
             earlier = merged(earlier, results | {"cases": {name: case}, "missing": missing}, 4)
             earlier["missing"] = {who: why for who, why in earlier["missing"].items() if who not in ready}

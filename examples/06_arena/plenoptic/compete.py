@@ -23,13 +23,11 @@ from cameras import Rig, write_stage
 from environments import Failed
 from judging import Answer, Calibration, centre_errors, disparity_errors, judged, types_right
 from task import write_task
-from truth import Model, Truth, from_opencv, read_table, truth_of
+from truth import NOISE_PX, Model, Truth, from_opencv, read_table, truth_of
 
 import pipeline
 from pipeline.exports.noise import Noise
 
-NOISE_PX, NOISY = 0.1, 3
-"""Noise of each axis [px] and repeats of the calibration with noise."""
 CORNER_PX = 3.0
 """How far a detected corner may be from the true one [px]: micro-images are 23 px wide."""
 
@@ -50,30 +48,26 @@ def prepared(names: list[str], snapshots: Path | None, programs: Path) -> tuple[
     return ready, missing
 
 
-def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_images: bool) -> dict[str, Any]:
-    """Build one camera, let everybody work on it, and judge them; also from positions with noise, and libpleno from
-    features of its own."""
+def case(rig: Rig, folder: Path, names: list[str], *, noisy: int, has_images: bool) -> dict[str, Any]:
+    """Build one camera, let everybody work on it, and judge them; also from so many positions with noise, and libpleno
+    from features of its own. Nothing is rendered or exported where only rows are asked for."""
     folder.mkdir(parents=True, exist_ok=True)
     stage = folder / "dataset.usda"
     write_stage(rig, stage)
-    print("  images and truth", flush=True)
-    built = pipeline.build(stage, folder / "built", jobs=1)
+    reads_files = not set(names) <= ROWS_ALONE
+    print("  images and truth" if reads_files else "  truth", flush=True)
+    built = pipeline.build(stage, folder / "built", jobs=1, pictures=reads_files)
     if built.failed:
         raise SystemExit(f"{stage}: {built.failed} tasks failed")
-    noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(NOISY)] if has_noise else []
     truth = truth_of(rig, stage, built.out)
     result: dict[str, Any] = {"contestants": {}}
-    of_hexagons = ["bok", "raytrix"] if len(rig.focal_mm) == 3 else ["bok"]  # whose formats know no squares
-    formats = ["libpleno", *(of_hexagons if rig.layout == "hexagonal" else [])]
-    more: dict[str, Any] = {"has_images": has_images, "formats": formats}
+    known: Answer = {"noisy": noisy}
     if rig.sensor_mm is not None:
         result["refocus"] = refocus.refocused(truth)
-        more |= refocus.asked(truth, result["refocus"])
-        (folder / "task").mkdir(exist_ok=True)
-        np.save(folder / "task/coded.npy", refocus.coded_image(truth))
-    print("  exports", flush=True)
-    known = write_task(built.out, folder / "task", rig.electrons, noises, more)
-    result["contestants"] |= floors_judged(truth, folder, len(noises))
+        known |= refocus.asked(truth, result["refocus"])
+    if reads_files:
+        known = _task(truth, built.out, folder / "task", known | {"has_images": has_images})
+    result["contestants"] |= floors_judged(truth, folder, noisy)
     for name in names:
         module, judge = CONTESTANTS[name]
         if module is plenoptisign and "refocus" not in result:
@@ -90,25 +84,36 @@ def case(rig: Rig, folder: Path, names: list[str], *, has_noise: bool, has_image
     return result
 
 
-def floors_judged(truth: Truth, folder: Path, noises: int) -> dict[str, Answer]:
+def _task(truth: Truth, built: Path, task: Path, known: Answer) -> Answer:
+    """Images, exports and all else that programs read, in a folder; returns what task.json has."""
+    print("  exports", flush=True)
+    task.mkdir(exist_ok=True)
+    if truth.rig.sensor_mm is not None:
+        np.save(task / "coded.npy", refocus.coded_image(truth))
+    of_hexagons = ["bok", "raytrix"] if len(truth.rig.focal_mm) == 3 else ["bok"]  # whose formats know no squares
+    formats = ["libpleno", *(of_hexagons if truth.rig.layout == "hexagonal" else [])]
+    noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(known["noisy"])]
+    return write_task(built, task, truth.rig.electrons, noises, known | {"formats": formats})
+
+
+def floors_judged(truth: Truth, folder: Path, noisy: int) -> dict[str, Answer]:
     """Both floors; kept in `folder`, so that one more contestant does not fit them to the same rows again."""
     rows = [array.tobytes() for array in (truth.boards.view, truth.boards.microlens, truth.boards.image_px)]
-    digest = hashlib.sha256(b"".join([*rows, str(noises).encode()])).hexdigest()
+    digest = hashlib.sha256(b"".join([*rows, str(noisy).encode()])).hexdigest()
     kept = folder / f"floors-{digest[:16]}.json"
     if not kept.exists():
         print("  baselines", flush=True)
         thin = baseline.thin_lens_floor(truth)
         floors = {"baseline": thin, "baseline, Bok's model": baseline.projective_floor(truth, thin)}
-        answers = {name: floor_judged(truth, floor, noises) for name, floor in floors.items()}
+        answers = {name: floor_judged(truth, floor, noisy) for name, floor in floors.items()}
         kept.write_text(json.dumps(answers), encoding="utf-8")
     return json.loads(kept.read_text(encoding="utf-8"))
 
 
-def floor_judged(truth: Truth, floor: baseline.Floor, noises: int) -> Answer:
+def floor_judged(truth: Truth, floor: baseline.Floor, noisy: int) -> Answer:
     """A model fitted by ourselves, without noise and with it."""
-    rows = [truth.boards.noisy(NOISE_PX, np.random.default_rng([7, 1 + number])) for number in range(noises)]
-    exact, *noisy = (baseline.calibrate(truth, floor, some) for some in (truth.boards, *rows))
-    return judged(truth, {"exact": exact}, noisy, floor.true)
+    exact, *repeats = (baseline.calibrate(truth, floor, rows) for rows in (truth.boards, *truth.noisy(NOISE_PX, noisy)))
+    return judged(truth, {"exact": exact}, repeats, floor.true)
 
 
 def centres_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
@@ -226,6 +231,8 @@ CONTESTANTS: dict[str, tuple[Any, Callable[[Truth, Answer, Path, Answer], Answer
     "twin": (twin, twin.twin_judged),
 }
 """Adapters, and who judges what they return."""
+ROWS_ALONE = {"twin"}
+"""Contestants who read no files of a build: for them nothing is rendered or exported."""
 NOT_RUN = {
     "Stepwise c0e36ce": "Octave 7.3: 'xml2struct' undefined; OptimizeCorner.m:160 calls MATLAB's vision.internal",
     "PlenopticImageProcessing f72013a": "nvcc 13.0: Unsupported gpu architecture 'compute_30'; answers in a Qt window",

@@ -21,6 +21,8 @@ _FULL = 0.9
 """Least hit fraction of a row [1]: in the penumbra a part of the bundle is missing, and no model of a line can know."""
 _ACCURACY_PX = 1e-4
 """Error of the truth [px]: far below that of any calibration."""
+NOISE_PX = 0.1
+"""Noise of each axis in the repeats of the calibration with noise [px]."""
 
 
 class Model(Protocol):
@@ -48,6 +50,10 @@ class Truth:
     vertex_mm: np.ndarray
     centre_px: np.ndarray
     centroid_px: np.ndarray
+
+    def noisy(self, sigma_px: float, repeats: int) -> list[Rows]:
+        """Rows of the boards with Gaussian noise on each axis, the same for every model that is fitted to them here."""
+        return [self.boards.noisy(sigma_px, np.random.default_rng([7, 1 + number])) for number in range(repeats)]
 
 
 def truth_of(rig: Rig, stage: Path, built: Path) -> Truth:

@@ -6,59 +6,87 @@ Its lens is that of the camera: what an owner knows, and no other program is tol
 from pathlib import Path
 
 import numpy as np
-import rows
 from calibrating import true_numbers, write_drawings
 from contestants.calibrate_twin import fitted, values_of, vision_poses
 from judge import numbers_kept
 from judging import Answer, Calibration, judged
 from rows import Rows
 from scipy.spatial import cKDTree
-from truth import Truth
+from truth import NOISE_PX, Truth
 
 import pipeline
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.twin import Twin
 from pipeline.results.ready_camera import ReadyCamera
 
-_NEAR_MM = 0.02
-"""Distance over which positions follow points by their derivatives [mm]: even near focus they are right to 1e-3 px."""
-_ACCURACY_PX, _NOISE_PX = 1e-4, 0.1
-_MOST = 800
+_NEAR_MM = np.array([0.02, 0.02, 0.3])
+"""Distances across and along the axis over which positions follow points by their derivatives [mm]: they are right to
+2e-3 px rms, worst where light is cut off, and to 3e-5 px in the median."""
+_LOST = 25.0
+"""The same of rows that end on the way, where light is cut off, in units of these [1]: no search ends because of them.
+"""
+_STEP = 0.01
+"""Moves that are differences of a search, in these units [1]: all of them follow the same rows."""
+_APART = 1e3
+"""Distance between microlenses in these units [1]: no row is near one of another microlens."""
+_ACCURACY_PX = 1e-4
+"""Error of solved positions [px]: that of the truth."""
+MOST = 800
 """Most rows of a fit, evenly taken from all: its processor time grows with their number."""
 
 
 class Solved:
-    """A camera that images points by the solver of the truth, and those near them by derivatives: searches ask for
+    """A camera that images points by the solver of the truth, and points near them by derivatives: searches ask for
     many.
+
+    `axial` (m, 2): k and l of the microlenses that numbers stand for. Those of the camera itself may be other ones: one
+    end of a fitted array has some that the true array lacks.
     """
 
-    def __init__(self, ready: ReadyCamera) -> None:
-        self._ready = ready
-        self._at, self._x_px, self._slopes = np.empty((0, 4)), np.empty((0, 2)), np.empty((0, 2, 3))
+    def __init__(self, camera: ReadyCamera, axial: np.ndarray) -> None:
+        self._camera = camera
+        self._number_of = {pair: number for number, pair in enumerate(map(tuple, axial.tolist()))}
+        self._scaled = np.empty((0, 4))
+        self._x_px = np.empty((0, 2))
+        self._slopes = np.empty((0, 2, 3))
+        self._tree = cKDTree(self._scaled)
+        self._asked, self._nearest = self._scaled, np.empty(0, int)
 
     def project(self, points_mm: np.ndarray, microlens: np.ndarray) -> np.ndarray:
         """Positions (n, 2) of points (n, 3) through microlenses (n,), NaN where there is none [px]."""
-        at = np.column_stack([points_mm / _NEAR_MM, 10.0 * microlens])
-        distance, row = cKDTree(self._at).query(at, distance_upper_bound=1.0)
-        if (far := np.isinf(distance)).any():
-            self._solve(at[far], points_mm[far], microlens[far])
-            distance, row = cKDTree(self._at).query(at, distance_upper_bound=1.0)
-        near, x_px = np.isfinite(distance), np.full((len(at), 2), np.nan)
-        by_mm = (at[near] - self._at[row[near]])[:, :3] * _NEAR_MM
-        x_px[near] = self._x_px[row[near]] + np.einsum("nij,nj->ni", self._slopes[row[near]], by_mm)
+        scaled = np.column_stack([points_mm / _NEAR_MM, _APART * microlens])
+        if scaled.shape != self._asked.shape or np.abs(scaled - self._asked).max(initial=0.0) > _STEP:
+            self._asked, self._nearest = scaled, self._solved_near(scaled)
+        x_px, there = np.full((len(scaled), 2), np.nan), self._nearest < len(self._scaled)
+        near = self._nearest[there]
+        moved_mm = (scaled[there] - self._scaled[near])[:, :3] * _NEAR_MM
+        x_px[there] = self._x_px[near] + np.einsum("nij,nj->ni", self._slopes[near], moved_mm)
         return x_px
 
-    def _solve(self, at: np.ndarray, points_mm: np.ndarray, microlens: np.ndarray) -> None:
-        points, of = np.unique(points_mm, axis=0, return_inverse=True)
-        seen = self._ready.project(points, accuracy_px=_ACCURACY_PX, derivatives=["point"])
-        pairs = zip(seen.point.tolist(), rows.numbers(self._ready, seen.microlens).tolist(), strict=True)
-        row_of = {pair: row for row, pair in enumerate(pairs)}
-        found = np.array([row_of.get(pair, -1) for pair in zip(of.ravel().tolist(), microlens.tolist(), strict=True)])
-        slopes = seen.derivatives["point"]
-        kept = np.flatnonzero((found >= 0) & np.isfinite(slopes[found]).all(axis=(1, 2)))
-        self._at = np.concatenate([self._at, at[kept]])
-        self._x_px = np.concatenate([self._x_px, np.stack([seen.x_px, seen.y_px], axis=1)[found[kept]]])
-        self._slopes = np.concatenate([self._slopes, slopes[found[kept]]])
+    def _solved_near(self, scaled: np.ndarray) -> np.ndarray:
+        """Solved rows that are nearest to rows (n, 4), beyond the last one where there is none."""
+        distance, nearest = self._tree.query(scaled, distance_upper_bound=1.0)
+        if not (far := np.isinf(distance)).any():
+            return nearest
+        self._solve(scaled[far])
+        return self._tree.query(scaled, distance_upper_bound=_LOST)[1]
+
+    def _solve(self, scaled: np.ndarray) -> None:
+        """Solve rows (n, 4), and keep those that the camera has."""
+        points, point = np.unique(scaled[:, :3], axis=0, return_inverse=True)
+        answer = self._camera.project(points * _NEAR_MM, accuracy_px=_ACCURACY_PX, derivatives=["point"])
+        numbers = [self._number_of.get(pair, -1) for pair in map(tuple, answer.microlens.tolist())]
+        row_of = {pair: row for row, pair in enumerate(zip(answer.point.tolist(), numbers, strict=True))}
+        microlens = np.rint(scaled[:, 3] / _APART).astype(int)
+        pairs = zip(point.ravel().tolist(), microlens.tolist(), strict=True)
+        rows = np.array([row_of.get(pair, -1) for pair in pairs])
+        slopes = answer.derivatives["point"]
+        kept = np.flatnonzero((rows >= 0) & np.isfinite(slopes[rows]).all(axis=(1, 2)))
+        x_px = np.stack([answer.x_px, answer.y_px], axis=1)[rows[kept]]
+        self._scaled = np.concatenate([self._scaled, scaled[kept]])
+        self._x_px = np.concatenate([self._x_px, x_px])
+        self._slopes = np.concatenate([self._slopes, slopes[rows[kept]]])
+        self._tree = cKDTree(self._scaled)
 
 
 def build(snapshots: Path | None, programs: Path) -> None:
@@ -66,19 +94,21 @@ def build(snapshots: Path | None, programs: Path) -> None:
 
 
 def run(programs: Path, task: Path, known: Answer) -> Answer:
-    """How many repeats with noise there are: fits need the truth's rows, as floors do."""
-    return {"noises": len(list(task.glob("noise_*")))}
+    """Nothing: fits need the truth's rows, as floors do."""
+    return {}
 
 
 def twin_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
     """Fits to exact rows and to noisy ones as floors get them, each from drawings of its own."""
     stage = task.parent / "dataset.usda"
-    noisy = [truth.boards.noisy(_NOISE_PX, np.random.default_rng([7, 1 + n])) for n in range(answer["noises"])]
-    exact, *repeats = [_fitted(truth, stage, some, task / f"{n}.usda") for n, some in enumerate([truth.boards, *noisy])]
+    task.mkdir(exist_ok=True)
+    boards = [truth.boards, *truth.noisy(NOISE_PX, known["noisy"])]
+    exact, *repeats = [_fitted(truth, stage, rows, task / f"{n}.usda") for n, rows in enumerate(boards)]
     true = true_numbers(stage)
-    result = judged(truth, {"exact": _calibration(exact)}, [*map(_calibration, repeats)], true)
+    result = judged(truth, {"exact": _calibration(truth, exact)}, [_calibration(truth, twin) for twin in repeats], true)
     if repeats:
-        values, sigmas = np.array([(values_of(twin), twin.solution.deviation) for twin in repeats]).swapaxes(0, 1)
+        values = np.array([values_of(twin) for twin in repeats])
+        sigmas = np.array([twin.solution.deviation for twin in repeats])
         result["honesty"] = [numbers_kept([*true], values, sigmas, np.array([*true.values()]))]
     return result
 
@@ -86,18 +116,20 @@ def twin_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answ
 def _fitted(truth: Truth, stage: Path, boards: Rows, drawings: Path) -> Twin:
     half_px = np.array(truth.rig.size_px) / 2
     inside = np.flatnonzero((np.abs(boards.image_px + 0.5 - half_px) < half_px).all(axis=1))  # noise moves some out
-    boards = boards.only(inside[:: -(-len(inside) // _MOST)])
+    boards = boards.only(inside[:: -(-len(inside) // MOST)])
     write_drawings(stage, drawings, f"{truth.rig.name} {drawings.stem}")
     columns = {"frame": boards.view + 1, "point_id": boards.point}
     columns |= dict(zip(("microlens_k", "microlens_l"), truth.ready.rig.axial[boards.microlens].T, strict=True))
     columns |= dict(zip(("x_px", "y_px"), boards.image_px.T, strict=True))
-    return fitted(FreeStage(drawings, ["Made"], [stage.parent]), columns, "exact")
+    twin = fitted(FreeStage(drawings, ["Made"], [stage.parent]), columns, "exact")
+    print(f"    {drawings.stem}: {twin.solution.ending}", *twin.doubts, sep="\n    ", flush=True)
+    return twin
 
 
-def _calibration(twin: Twin) -> Calibration:
+def _calibration(truth: Truth, twin: Twin) -> Calibration:
     names = [number.name for number in twin.stage.numbers]
     values = dict(zip(names, values_of(twin).tolist(), strict=True))
     views = np.array([frame - 1 for frame, _ in twin.views.keys])
     rms_px = float(np.sqrt(np.nanmean((twin.solution.residual_px**2).sum(axis=1))))
     camera = pipeline.ready(twin.stage.at(twin.solution.by).cameras[0].camera)
-    return Calibration(Solved(camera), values, vision_poses(twin), views, rms_px)
+    return Calibration(Solved(camera, truth.ready.rig.axial), values, vision_poses(twin), views, rms_px)
