@@ -105,5 +105,5 @@ def conventional_grid(conventional: Camera, tmp_path_factory: pytest.TempPathFac
 
 @pytest.fixture(scope="session")
 def plenoptic_grid(plenoptic: Camera, tmp_path_factory: pytest.TempPathFactory) -> RayGrid:
-    """K = 2, 1,024 rays per position."""
-    return rigs.ray_grid(tmp_path_factory.mktemp("plenoptic"), plenoptic, 2, 1024)
+    """K = 2, 256 rays per position."""
+    return rigs.ray_grid(tmp_path_factory.mktemp("plenoptic"), plenoptic, 2, 256)

@@ -139,7 +139,9 @@ def scanned(rig: Rig, planes: np.ndarray, step_px: float) -> dict[tuple[int, int
                 way = np.linalg.solve(slope[good], (point - j[good])[..., None])[..., 0]
                 near = (np.abs(way - np.array(side) * step_px / 2) < step_px).all(axis=1)
                 starts += [(number, cell, *x) for x in nodes[good][near] + way[near]]
-    found = np.array(starts)
+    found = np.array(starts)  # neighbours find the same: one start of a cell of half a step is refined
+    _, first = np.unique(np.floor(found / [1, 1, step_px / 2, step_px / 2]), axis=0, return_index=True)
+    found = found[first]
     point, cell, x_px = found[:, 0].astype(int), found[:, 1].astype(int), found[:, 2:]
     for half_px in (0.1, 0.1, 0.05, 0.02, 0.02, 0.02):
         ends_px = half_px * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])[:, None]

@@ -25,6 +25,7 @@ from pipeline.camera.rig import Rig
 from pipeline.files.tables import read_table
 from pipeline.frames import rigid
 from pipeline.motion import Shutter
+from pipeline.scene.dataset import Dataset
 from pipeline.scene.load import load
 from pipeline.truth.derivatives import Derivatives, Neighbour, SolvedRows, Variation, derivatives
 from pipeline.truth.direct.direct_rows import Guess, guesses, solve
@@ -206,14 +207,18 @@ def stage_with(folder: Path, numbers: str) -> Path:
     return path
 
 
-def all_rates(path: Path, frame: int = 0) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names of numbers, and derivatives of positions (n, v, 2) and blur (n, v, 2, 2) of a frame, without the engine."""
+def dataset_of(path: Path) -> Dataset:
     dataset = load(path, [DATA.parents[1]]).dataset
     assert dataset is not None
+    return dataset
+
+
+def all_rates(dataset: Dataset, frame: int = 0) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names of numbers, and derivatives of positions (n, v, 2) and blur (n, v, 2, 2) of a frame, without the engine."""
     (camera,), (target,) = dataset.cameras, dataset.targets
     rig, points = rig_of(camera.camera), target.target.points()
 
-    def planes(of: pipeline.scene.dataset.Dataset) -> np.ndarray:
+    def planes(of: Dataset) -> np.ndarray:
         pose = of.frames[frame].vision_from_target(camera.name, target.name)
         return planes_of(of.targets[0].target, pose)
 
@@ -247,9 +252,8 @@ def adjoint(a_from_b: np.ndarray) -> np.ndarray:
 
 
 def test_a_camera_and_a_board_that_move_together_by_all_six_gauges_leave_every_row_where_it_is(tmp_path):
-    path = stage_with(tmp_path, f"<{ROOT}/Board>, <{ROOT}/Rig/Camera>")
-    names, rate, blur = all_rates(path, frame=1)
-    dataset = load(path, [DATA.parents[1]]).dataset
+    dataset = dataset_of(stage_with(tmp_path, f"<{ROOT}/Board>, <{ROOT}/Rig/Camera>"))
+    names, rate, blur = all_rates(dataset, frame=1)
     vision_from_target = dataset.frames[1].vision_from_target("Rig.Camera", "Board")
     by_board, by_camera = rate[:, :6], rate[:, 6:]
     # A motion of the vision frame, which the camera makes, is one of the target's own frame to the board.
@@ -275,7 +279,7 @@ def test_a_camera_that_moves_before_a_pane_of_the_world_leaves_the_pane_where_it
     path, camera = stage_with(tmp_path, wish), f"rel plen:camera:windows = <{ROOT}/Pane>\nrel plen:truth:"
     text = path.read_text(encoding="utf-8").replace("rel plen:truth:", camera)
     path.write_text(f'{text.rstrip()[:-1]}def PlenWindow "Pane"\n{{\n{pane}}}\n}}\n', encoding="utf-8")
-    names, rate, _ = all_rates(path)
+    names, rate, _ = all_rates(dataset_of(path))
     by = dict(zip((name.removeprefix(ROOT) for name in names), rate.transpose(1, 0, 2), strict=True))
 
     assert np.abs(by[f"/Pane.{across}"]).max() > 0.1
@@ -284,7 +288,7 @@ def test_a_camera_that_moves_before_a_pane_of_the_world_leaves_the_pane_where_it
 
 
 def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tmp_path):
-    lens = load(stage_with(tmp_path, f"<{ROOT}/Board>"), [DATA.parents[1]]).dataset.cameras[0].camera.prescription
+    lens = dataset_of(stage_with(tmp_path, f"<{ROOT}/Board>")).cameras[0].camera.prescription
     of_lens = [
         f"<{ROOT}/Rig/Lens/{'Stop' if surface.is_stop else f'S{number}'}.plen:{name}>"
         for number, surface in enumerate(lens.surfaces, 1)
@@ -293,9 +297,8 @@ def test_a_scene_of_twice_all_lengths_has_the_same_image_which_is_euler_s_law(tm
     ]
     rest = ("Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch", "Board.plen:squareSize")
     others = [f"<{ROOT}/{name}>" for name in (*rest, "Board.xformOp:translate")]
-    path = stage_with(tmp_path, ", ".join([*of_lens, *others]))
-    names, rate, blur = all_rates(path)
-    dataset = load(path, [DATA.parents[1]]).dataset
+    dataset = dataset_of(stage_with(tmp_path, ", ".join([*of_lens, *others])))
+    names, rate, blur = all_rates(dataset)
     translate = dict(zip("012", np.array(dataset.frames[0].world_from_target["Board"])[:3, 3], strict=True))
     sensor = dataset.cameras[0].asked.sensor
     lengths = []
@@ -328,7 +331,7 @@ def test_a_build_delivers_derivatives_of_all_rows_and_an_edit_of_the_wish_runs_n
     result = made(stage_with(tmp_path, numbers), tmp_path / "out", tmp_path / "store", allow_roots=[DATA.parents[1]])
     ran = {task.name.partition("/")[0] for task in result.tasks if task.state == "executed"}
     delivered = np.load(tmp_path / "out/frames/0002/Rig.Camera/derivatives.npz")
-    _, rate, blur = all_rates(stage_with(tmp_path, numbers), frame=1)
+    _, rate, blur = all_rates(dataset_of(stage_with(tmp_path, numbers)), frame=1)
 
     assert ran == {"camera", "derivatives"}
     assert list(delivered["names"][-1:]) == [f"{ROOT}/Rig/Lens/S3.plen:radius"]

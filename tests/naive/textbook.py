@@ -118,7 +118,9 @@ def _refract(direction: np.ndarray, normal: np.ndarray, ratio: float) -> tuple[n
 
 
 def at_plane(position: np.ndarray, direction: np.ndarray, vision_from_target: np.ndarray) -> np.ndarray:
-    """Crossings with a target's plane in the target frame, (n, 2), by solving for both coordinates and the path."""
-    axes = np.broadcast_to(vision_from_target[:3, :2], (len(position), 3, 2))
-    matrix = np.concatenate([axes, -direction[:, :, None]], axis=2)
-    return np.linalg.solve(matrix, (position - vision_from_target[:3, 3])[..., None])[:, :2, 0]
+    """Crossings with a target's plane, in whose frame it is z = 0, (n, 2)."""
+    turn, middle = vision_from_target[:3, :3], vision_from_target[:3, 3]
+    with np.errstate(invalid="ignore"):  # rays that do not pass
+        # Rows times a matrix: the inverse of a turn.
+        place, way = (position - middle) @ turn, direction @ turn
+        return place[:, :2] - place[:, 2:] / way[:, 2:] * way[:, :2]

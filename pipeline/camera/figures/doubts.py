@@ -17,7 +17,7 @@ from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.camera.tracer import Tracer
 from pipeline.frames import apply, inverse
 from pipeline.optics.first_order import first_order
-from pipeline.optics.rays import GRID, front_grid, traced
+from pipeline.optics.rays import GRID, dot, front_grid, traced
 from pipeline.optics.table import motion_of, unbounded
 from pipeline.optics.windows import parted
 
@@ -189,5 +189,5 @@ def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    unit: np.ndarray = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    unit: np.ndarray = vectors / np.sqrt(dot(vectors, vectors))[:, None]
     return unit
