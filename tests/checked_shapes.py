@@ -86,13 +86,16 @@ def _checked(function: FunctionType, record: str = "") -> Any:
     twin = functools.wraps(function)(FunctionType(*parts))
     del twin.__wrapped__  # where the others would be found
     twin.__kwdefaults__, twin.__annotations__ = function.__kwdefaults__, notes
-    checking = jaxtyping.jaxtyped(typechecker=beartype(conf=BeartypeConf(is_pep484_tower=True)))(twin)
 
-    @functools.wraps(checking)
+    @functools.cache
+    def checking() -> Any:
+        return jaxtyping.jaxtyped(typechecker=beartype(conf=BeartypeConf(is_pep484_tower=True)))(twin)
+
+    @functools.wraps(twin)
     def first_calls(*args: Any, **kwargs: Any) -> Any:
         if _CALLS[name] >= CHECKED_CALLS:
             return function(*args, **kwargs)
         _CALLS[name] += 1
-        return checking(*args, **kwargs)
+        return checking()(*args, **kwargs)
 
     return first_calls

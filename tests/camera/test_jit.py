@@ -243,7 +243,7 @@ def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(c
 def test_two_processes_compile_each_kernel_once_and_a_cut_one_is_named(folder):
     """What one compiles, the other one waits for: Numba keeps a file per types, numbered from 1."""
     settings = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PYTHONUNBUFFERED": "1"}
-    asked = command("pipeline.app.compile_kernels:compile_apart", "search", "sensor")
+    asked = command("pipeline.app.compile_kernels:compile_apart", "search")
     both = [
         subprocess.Popen(asked, env=settings, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in "ab"
     ]
@@ -253,7 +253,7 @@ def test_two_processes_compile_each_kernel_once_and_a_cut_one_is_named(folder):
         process.stdin = None
     lines = [line for process in both for line in process.communicate()[0].splitlines()]
     saved = [line for line in lines if line.startswith("[cache] data saved to")]
-    assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) >= 5
+    assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) >= 3
     assert len(saved) == len([*folder.rglob("*.nbc")]) and files.count(folder) == len([*folder.rglob("*.nbi")])
     (code,) = folder.rglob("*.quads_that_hold-*.nbc")
     code.write_bytes(b"")

@@ -60,7 +60,7 @@ def test_numpy_reads_it(tmp_path: Path) -> None:
     assert read["name"].tolist() == ["a", "b"]
 
 
-@settings(deadline=None, derandomize=True, max_examples=50)
+@settings(deadline=None, derandomize=True, max_examples=25)
 @given(st.lists(st.tuples(st.floats(), st.text(st.characters(exclude_categories=["Cs"]))), min_size=1))
 def test_any_float_and_any_text_return(tmp_path_factory: pytest.TempPathFactory, rows: list) -> None:
     path = tmp_path_factory.mktemp("t") / "t"

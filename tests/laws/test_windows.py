@@ -303,9 +303,10 @@ def test_cameras_say_what_they_look_into(tmp_path, common_store):
 def test_show_says_of_windows_what_a_build_does(tmp_path, common_store):
     """A rolled dome off the axis: its centres are one point, and the pupil behind it is that of the camera alone."""
     dome = window(-60.0, radii_mm=(60.0, 50.0), turn="(9, -7, 30)").replace("(0, 0, -60.0)", "(3, 4, -60)")
+    (plain,) = show(stage(tmp_path, "plain", camera=""))
     for fixed in (True, False):
         file = stage(tmp_path, f"fixed_{fixed}", dome, camera=_PLANES, fixed=fixed, dataset=WATER)
-        (shown,), (plain,) = show(file), show(stage(tmp_path, "plain", camera=""))
+        (shown,) = show(file)
         out = made(file, file.with_suffix(""), common_store, targets=["cameras/Rig.Camera/camera.json"]).out
         assert json.loads((out / "cameras/Rig.Camera/camera.json").read_text())["lens"] == shown.document["lens"]
     lens, (pane,) = plain.document["lens"], shown.document["lens"]["windows"]

@@ -89,7 +89,7 @@ def cameras(draw: st.DrawFn) -> Camera:
     )
 
 
-@repeatable
+@settings(repeatable, max_examples=40)
 @given(cameras())
 def test_a_camera_survives_the_way_through_json(camera: Camera) -> None:
     assert from_plain(Camera, json.loads(json.dumps(to_plain(camera)))) == camera
