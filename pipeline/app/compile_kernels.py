@@ -11,7 +11,8 @@ from typing import NamedTuple, NoReturn
 import numpy as np
 
 from pipeline.camera.integrating import edge_kernels
-from pipeline.camera.integrating.quadrature import edges, single_hits
+from pipeline.camera.integrating.polar_hits import single_hits
+from pipeline.camera.integrating.quadrature import edges
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.camera.parts.camera import Camera, Sensor

@@ -35,13 +35,13 @@ def widened(
     low: Float64[np.ndarray, "..."],
     high: Float64[np.ndarray, "..."],
     farther: Callable[[np.ndarray], np.ndarray],
-    most: int,
+    limit: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Brackets of the boundary, (...) each: `high` moves outwards by `farther` until it is dark, or `most` times.
+    """Brackets of the boundary, (...) each: `high` moves outwards by `farther` until it is dark, or `limit` times.
 
     `low` follows to the last lit point.
     """
-    for _ in range(most):
+    for _ in range(limit):
         lit = passes(high)
         if not lit.any():
             break
@@ -67,8 +67,8 @@ def inner_points(points: Float64[np.ndarray, "n m 2"], lit: Bool[np.ndarray, "n 
     """
     number = lit.sum(axis=1)[:, None]
     mean = np.where(lit[..., None], points, 0.0).sum(axis=1) / np.maximum(number, 1)
-    away = np.where(lit, np.hypot(*(points - mean[:, None]).transpose(2, 0, 1)), np.inf)
-    nearest = points[np.arange(len(points)), away.argmin(axis=1)]
+    distance = np.where(lit, np.hypot(*(points - mean[:, None]).transpose(2, 0, 1)), np.inf)
+    nearest = points[np.arange(len(points)), distance.argmin(axis=1)]
     return np.where(number > 0, nearest, np.nan)
 
 
@@ -115,12 +115,18 @@ def corners(
     A third label in between is an arc that the first directions missed: there are then two corners instead of one. Rows
     of regions ascend; their labels are those in `even_angles(d)`, rotated by `turn` [rad].
     """
+    # Begin with the arcs between first directions whose labels differ.
     count = label.shape[1]
-    following = np.roll(label, -1, axis=1)
-    region, direction = np.nonzero(label != following)
+    next_label = np.roll(label, -1, axis=1)
+    region, direction = np.nonzero(label != next_label)
     left = even_angles(count)[direction] + (0.0 if turn is None else turn[region])
-    ends = label[region, direction], following[region, direction]
-    arcs = _Arcs(rows[region], left, left + 2 * np.pi / count, *ends)
+    arcs = _Arcs(
+        owner=rows[region],
+        left=left,
+        right=left + 2 * np.pi / count,
+        before=label[region, direction],
+        after=next_label[region, direction],
+    )
     for _ in range(steps if len(region) else 0):
         # Halve each arc, and keep the half whose ends differ.
         middle = (arcs.left + arcs.right) / 2
@@ -133,8 +139,8 @@ def corners(
             after=np.where(is_third, at_middle, arcs.after),
         )
         # Where a third label lies between the ends, the other half holds a corner, too.
-        more = arcs._replace(left=middle, before=at_middle).only(is_third)
-        arcs = _Arcs(*(np.concatenate(pair) for pair in zip(halves, more, strict=True)))
+        other_halves = arcs._replace(left=middle, before=at_middle).only(is_third)
+        arcs = _Arcs(*(np.concatenate(pair) for pair in zip(halves, other_halves, strict=True)))
         if is_third.any():
             arcs = arcs.only(np.lexsort((arcs.left, arcs.owner)))
     return Corners(arcs.owner, (arcs.left + arcs.right) / 2)
@@ -172,25 +178,32 @@ def directions(
 ) -> Directions:
     """Directions around regions: evenly spaced, or Gauss-Legendre nodes on every arc between two corners.
 
+    `between`: the corners of all regions.
     `around`, `least_per_arc`: nodes over a full circle with corners, and on its shortest arc.
     `even`: directions where there is no corner; None: as many as over a circle with corners.
     """
+    # Regions without a corner have even directions.
     even = around if even is None else even
     smooth = rows[~np.isin(rows, between.owner)]
     parts = [(np.repeat(smooth, even), np.tile(even_angles(even), len(smooth)), 2 * np.pi / even)]
+    # An arc runs from each corner to the next of its region, the last one to the first.
     owner, start = between
     last = np.append(owner[1:] != owner[:-1], True) if len(owner) else np.zeros(0, bool)
     first = np.searchsorted(owner, owner)
     length = np.where(last, start[first] + 2 * np.pi, np.roll(start, -1)) - start
-    pieces = np.ceil(around * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)  # of long arcs
+    # Divide long arcs into equal pieces, which count as arcs from here on.
+    pieces = np.ceil(around * length / (2 * np.pi) / _MOST_PER_ARC).astype(int)
     owner, length, start = (np.repeat(values, pieces) for values in (owner, length / pieces, start))
-    start = start + length * (np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces))
-    number = np.maximum(np.ceil(around * length / (2 * np.pi)).astype(int), least_per_arc)
-    for count in np.unique(number).tolist():
+    number_in_arc = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    start = start + length * number_in_arc
+    # Lay the nodes, for all arcs with equally many at once.
+    nodes = np.maximum(np.ceil(around * length / (2 * np.pi)).astype(int), least_per_arc)
+    for count in np.unique(nodes).tolist():
         node, weight = unit_nodes(count)
-        arcs = number == count
+        arcs = nodes == count
         angle = (start[arcs, None] + length[arcs, None] * node).ravel()
         parts.append((np.repeat(owner[arcs], count), angle, (length[arcs, None] * weight).ravel()))
+    # Sort all directions by region.
     owner, angle = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     share = np.concatenate([np.broadcast_to(part[2], part[0].shape) for part in parts])
     order = np.argsort(owner, kind="stable")

@@ -84,7 +84,8 @@ def bundle_behind(
     squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]), np.array([[0]]))
     bundles = []
     for share, traced in tracer.lights:
-        rays, random = room_for(samples), Samples(sobol_bits(samples), traced.seed, 0.0)
+        rays = room_for(samples)
+        random = Samples(sobol_bits(samples), traced.seed, 0.0)
         count = bundle_kernels.image_rays(traced.arrays, random, squares, no_diffraction(), rays)
         origin, direction, weight, _ = rays.first(count)
         bundles.append((origin, direction, share * weight))

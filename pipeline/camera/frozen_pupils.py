@@ -47,10 +47,10 @@ class FrozenPupils:
         n = len(bundles.x_px)
         for light, frozen in zip(tracer.lights, self._regions, strict=True):
             neighbour = frozen.next_to(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens)
-            moments, status, more = neighbour.moments(nodes.planes, NODES[self._level], is_last=False)
+            moments, status, traced_rays = neighbour.moments(nodes.planes, NODES[self._level], is_last=False)
             moments[status != INTEGRATED] = np.nan
             parts.append(mixed(moments.reshape(n, len(share), COLUMNS), share) if len(share) > 1 else moments)
-            rays += more
+            rays += traced_rays
         self.rays += rays
         lights = np.array([light.share for light in tracer.lights])
         total = mixed(np.stack(parts, axis=1), lights) if len(parts) > 1 else parts[0]
@@ -62,4 +62,4 @@ def by_x(
 ) -> np.ndarray:
     """Derivatives by image position of values such as moments, (..., 2), by central differences."""
     ends = [[values_at(x_px + sign * step) for sign in (1, -1)] for step in half_px * np.eye(2)]
-    return np.stack([(more - less) / (2 * half_px) for more, less in ends], axis=-1)
+    return np.stack([(upper - lower) / (2 * half_px) for upper, lower in ends], axis=-1)

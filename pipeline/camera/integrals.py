@@ -58,6 +58,7 @@ class Bundles:
         return replace(self, x_px=x_px, microlens=np.where(self.exists, self.microlens, SKIP))
 
     def only(self, rows: Bool[np.ndarray, "n"] | Int64[np.ndarray, "m"] | slice) -> "Bundles":
+        """The bundles of these rows."""
         anchor_px = None if self.anchor_px is None else self.anchor_px[rows]
         return Bundles(self.x_px[rows], self.microlens[rows], self.planes[rows], self.square_px, anchor_px)
 
@@ -97,33 +98,36 @@ def integrals(tracer: Tracer, bundles: Bundles, level: int) -> Integral:
     error = np.full((len(bundles.x_px), 2), np.nan)
     if level > 0:
         error = np.abs(moments[:, :2] - levels[0].moments[:, :2])
-    odd = status == NOT_STAR_SHAPED
-    if odd.any():
-        other = random_integrals(tracer, bundles.only(odd), RANDOM_RAYS[level])
-        moments[odd] = other.moments
-        error[odd] = other.error_mm
-        rays = rays + other.rays
-    return Integral(moments, error, odd, rays)
+    is_random = status == NOT_STAR_SHAPED
+    if is_random.any():
+        by_random_rays = random_integrals(tracer, bundles.only(is_random), RANDOM_RAYS[level])
+        moments[is_random] = by_random_rays.moments
+        error[is_random] = by_random_rays.error_mm
+        rays = rays + by_random_rays.rays
+    return Integral(moments, error, is_random, rays)
 
 
 def _over_light(tracer: Tracer, bundles: Bundles, levels: list[int]) -> list[Outcome]:
     """Weighted sum over all wavelengths, at each level."""
-    over = _over_squares if bundles.square_px > 0 else _over_points
+    integrate = _over_squares if bundles.square_px > 0 else _over_points
     lights = tracer.lights
-    parts = [over(light.tracer, bundles, levels) for light in lights]
-    if len(parts) == 1:
-        return parts[0]
+    by_light = [integrate(light.tracer, bundles, levels) for light in lights]
+    if len(by_light) == 1:
+        return by_light[0]
     shares = np.array([light.share for light in lights])
     result = []
-    for of_level in zip(*parts, strict=True):
-        moments = np.stack([outcome.moments for outcome in of_level], axis=1)
-        status = np.stack([outcome.status for outcome in of_level], axis=1)
-        result.append(Outcome(mixed(moments, shares), _worst(status), sum(outcome.rays for outcome in of_level)))
+    for outcomes in zip(*by_light, strict=True):
+        moments = np.stack([outcome.moments for outcome in outcomes], axis=1)
+        status = np.stack([outcome.status for outcome in outcomes], axis=1)
+        result.append(Outcome(mixed(moments, shares), _worst(status), sum(outcome.rays for outcome in outcomes)))
     return result
 
 
 def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int | None = None) -> list[Outcome]:
-    """Rays of the search for regions, which all levels share, count for the first."""
+    """Outcomes at each level of bundles that start at positions; `last` is the finest level, by default the last one.
+
+    Rays of the search for regions, which all levels share, count for the first.
+    """
     last = levels[-1] if last is None else last
     positions = tracer.positions_mm(*bundles.x_px.T)
     lit = regions(tracer.arrays, positions, bundles.microlens, FINE if last > 0 else ROUGH)
@@ -132,13 +136,16 @@ def _over_points(tracer: Tracer, bundles: Bundles, levels: list[int], last: int 
 
 
 def _over_squares(tracer: Tracer, bundles: Bundles, levels: list[int]) -> list[Outcome]:
+    """Outcomes at each level of bundles that start on squares: weighted sums over nodes of the square."""
     result = []
     n = len(bundles.x_px)
     for level in levels:
-        moments, status, rays = np.empty((n, COLUMNS)), np.empty(n, np.int64), 0
-        stretch = max(1, _NODES_AT_ONCE // (SQUARE_NODES[level] ** 2 * NODES[level][0] * NODES[level][1]))
-        for first in range(0, n, stretch):
-            batch = slice(first, first + stretch)
+        moments = np.empty((n, COLUMNS))
+        status = np.empty(n, np.int64)
+        rays = 0
+        at_once = max(1, _NODES_AT_ONCE // (SQUARE_NODES[level] ** 2 * NODES[level][0] * NODES[level][1]))
+        for first in range(0, n, at_once):
+            batch = slice(first, first + at_once)
             nodes, share = bundles.only(batch).at_nodes(level)
             (outcome,) = _over_points(tracer, nodes, [level], levels[-1])
             moments[batch] = mixed(outcome.moments.reshape(-1, len(share), COLUMNS), share)
@@ -168,9 +175,8 @@ def random_integrals(tracer: Tracer, bundles: Bundles, rays: int, stream: int = 
     anchor_px = lit.x_px if bundles.anchor_px is None else bundles.anchor_px
     near = np.hypot(*(anchor_px - lit.x_px).T) <= _ANCHORED_PX
     anchor_px = np.where(near[:, None], anchor_px, lit.x_px)
-    positions, anchors = tracer.positions_mm(*lit.x_px.T), tracer.positions_mm(*anchor_px.T)
-    numbers = np.rint(anchor_px).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
-    starts = Starts(numbers, anchors, positions, lit.microlens)
+    pixels = np.rint(anchor_px).astype(np.int64) + np.array([stream * _STREAM_PX, 0])
+    starts = Starts(pixels, tracer.positions_mm(*anchor_px.T), tracer.positions_mm(*lit.x_px.T), lit.microlens)
     moments = tracer.moments_of(starts, bundles.planes, rays, bundles.square_px)
     error = np.sqrt(moments[:, VARIANCE : VARIANCE + 2])
     return Integral(moments, error, np.ones(len(error), bool), int(bundles.exists.sum()) * max(rays, REPLICAS))
@@ -184,6 +190,6 @@ def pooled(finer: Integral, coarser_mm: Float64[np.ndarray, "n 2"]) -> Integral:
 
     `coarser_mm`: standard errors of the level before; NaN where its rays were not random.
     """
-    both = np.sqrt((finer.error_mm**2 + coarser_mm**2 / 4) / 2)
+    from_both = np.sqrt((finer.error_mm**2 + coarser_mm**2 / 4) / 2)
     has_both = finer.is_random[:, None] & ~np.isnan(coarser_mm)
-    return replace(finer, error_mm=np.where(has_both, both, finer.error_mm))
+    return replace(finer, error_mm=np.where(has_both, from_both, finer.error_mm))

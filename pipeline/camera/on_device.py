@@ -93,12 +93,13 @@ def moments_on_device(
 ) -> None:
     """Write the moments of many bundles; EnvironmentFault: the device of that name cannot be used."""
     require_device(device)
-    each_its_planes = len(planes) > 1
+    has_own_planes = len(planes) > 1
     camera, samples = resident(camera), resident(samples)
     for first in range(0, len(moments), _AT_ONCE):
         batch = slice(first, first + _AT_ONCE)
-        device_starts, device_moments = resident(starts.part(batch)), room(moments[batch].shape)
-        device_planes = resident(planes[batch] if each_its_planes else planes)
+        device_starts = resident(starts.part(batch))
+        device_moments = room(moments[batch].shape)
+        device_planes = resident(planes[batch] if has_own_planes else planes)
         sum_bundles(
             _blocks(len(device_moments)), _THREADS, camera, device_planes, samples, device_starts, device_moments
         )
@@ -106,6 +107,7 @@ def moments_on_device(
 
 
 def _blocks(count: int) -> int:
+    """Blocks of threads for this many tasks."""
     return -(-count // _THREADS)
 
 

@@ -57,10 +57,10 @@ class Rig:
         """Centre of the micro-image and row of the middle microlens of each type; empty without microlenses."""
         if self.images is None or self.tracer.lattice is None:
             return ()
-        kind = self.tracer.lattice.type
+        types = self.tracer.lattice.type
         middles = []
-        for number in range(kind.max() + 1):
-            rows = np.flatnonzero(kind == number)
+        for number in range(types.max() + 1):
+            rows = np.flatnonzero(types == number)
             nearest = rows[np.argmin(np.hypot(*self.tracer.vertices_mm[rows].T))]
             middles.append((*self.images.centre_mm[nearest].tolist(), int(nearest)))
         return tuple(middles)
@@ -99,8 +99,9 @@ class Rig:
         x = self.tracer.positions_mm(*x_px.T)
         if grace_px == 0:
             return self.images.owner(x) == cell
-        farther = np.hypot(*(x - self.images.centre_mm[cell]).T) - self.images.nearby.nearest(x)[0][:, 0]
-        return farther <= grace_px * self.tracer.camera.sensor.pitch_mm
+        to_own_mm = np.hypot(*(x - self.images.centre_mm[cell]).T)
+        to_nearest_mm = self.images.nearby.nearest(x)[0][:, 0]
+        return to_own_mm - to_nearest_mm <= grace_px * self.tracer.camera.sensor.pitch_mm
 
     def hit_fraction(self, moments: Float64[np.ndarray, "n COLUMNS"]) -> np.ndarray:
         """Weight of the light that leaves over that of the free bundle."""

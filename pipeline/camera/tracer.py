@@ -49,10 +49,10 @@ class Tracer:
         if not nodes:
             return (Light(1.0, self),)
         seeds = (self.seed + number * SEED_STEP for number in range(len(nodes)))
-        beside = [light.tracer for light in self.beside.lights] if self.beside else [None] * len(nodes)
+        similar = [light.tracer for light in self.beside.lights] if self.beside else [None] * len(nodes)
         return tuple(
-            Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed, beside=near))
-            for node, seed, near in zip(nodes, seeds, beside, strict=True)
+            Light(node.weight, replace(self, camera=self.camera.at(node), seed=seed, beside=beside))
+            for node, seed, beside in zip(nodes, seeds, similar, strict=True)
         )
 
     @cached_property
@@ -109,6 +109,7 @@ class Tracer:
         return outlines(self.camera.prescription, self.film_z_mm, float(reach), self.margin)
 
     def _grid(self) -> Outlines:
+        """Outlines over the extent of the microlenses, or of the sensor."""
         array, sensor = self.camera.microlenses, self.camera.sensor
         if array and self.lattice:
             extents = np.abs(self.vertices_mm).max(axis=0) + np.abs(self.lattice.z_mm).max()
@@ -131,12 +132,14 @@ class Tracer:
         """Intersections of rays behind the lens, vision frame, with that plane, and their slopes, film frame (n, 2)."""
         vision_from_film = self.camera.film.vision_from_film
         if vision_from_film is not None:
-            points_mm, directions = apply(inverse(vision_from_film), points_mm), directions @ vision_from_film[:3, :3]
+            points_mm = apply(inverse(vision_from_film), points_mm)
+            directions = directions @ vision_from_film[:3, :3]
         slopes = directions[:, :2] / directions[:, 2:]
         return points_mm[:, :2] + (self.film_z_mm - points_mm[:, 2:]) * slopes, slopes
 
     @cached_property
     def arrays(self) -> CameraArrays:
+        """The camera as the kernels read it."""
         return camera_arrays(self.camera, self.table, self.stop_row, self.lattice, self.vertices_mm, self.bounds)
 
     def positions_mm(self, x_px: Num[np.ndarray, "n"] | float, y_px: Num[np.ndarray, "n"] | float) -> np.ndarray:
@@ -186,8 +189,8 @@ class Tracer:
         bits = sobol_bits(samples // REPLICAS)
         seed = self.seed & 0xFFFFFFFF ^ self.seed >> 32 & 0xFFFFFFFF
         draws = Samples(bits, seed, square_px * self.camera.sensor.pitch_mm)
-        kinds = np.int64, np.float64, np.float64, np.int64
-        starts = Starts(*(np.ascontiguousarray(part, kind) for part, kind in zip(starts, kinds, strict=True)))
+        dtypes = np.int64, np.float64, np.float64, np.int64
+        starts = Starts(*(np.ascontiguousarray(part, dtype) for part, dtype in zip(starts, dtypes, strict=True)))
         if self.device is not None:
             from pipeline.camera.on_device import moments_on_device
 
@@ -233,11 +236,11 @@ class Tracer:
             rows = self.moments(position, microlens, planes, _REFERENCE_RAYS, np.array([[-1, -1]]))
         weight = float(rows[0, WEIGHT])
         if not 0 < weight < math.inf:
-            where = "the sensor on the axis" if self.lattice is None else "the middle of the microlens in the middle"
+            start = "the sensor on the axis" if self.lattice is None else "the middle of the microlens in the middle"
             hint = (
                 "is an aperture too small or decentred, a surface tilted too far, or a distance in other units than mm?"
             )
-            raise CameraError(f"no light passes the lens from {where}", hint=hint)
+            raise CameraError(f"no light passes the lens from {start}", hint=hint)
         return weight
 
 

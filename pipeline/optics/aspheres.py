@@ -161,8 +161,8 @@ def through_cylinder(shape, mu, ray):
     met, normal = on_conic(shape, Ray(0.0, ray.y, ray.z, 0.0, ray.dy / share, ray.dz / share, ray.alive))
     x = ray.x + (met.z - shape.vertex) / ray.dz * ray.dx
     alive = met.alive if x * x + met.y * met.y <= shape.limit else 0.0
-    across = Ray(0.0, met.y, met.z, ray.dx, ray.dy, ray.dz, alive)
-    behind = bent(mu, across, Normal(share * normal.along, normal.slope, normal.upright))
+    at_surface = Ray(0.0, met.y, met.z, ray.dx, ray.dy, ray.dz, alive)
+    behind = bent(mu, at_surface, Normal(share * normal.along, normal.slope, normal.upright))
     return Ray(x, behind.y, behind.z, behind.dx, behind.dy, behind.dz, behind.alive)
 
 

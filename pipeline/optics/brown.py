@@ -77,6 +77,7 @@ def undistorted(b, x_image, y_image):
     y = y_image
     determinant = 1.0
     for _ in range(_STEPS):
+        # The Jacobian of D is symmetric; `slope` is 2 d(radial) / d(r^2).
         r = x * x + y * y
         radial = 1.0 + r * (b.k1 + r * (b.k2 + r * b.k3))
         slope = 2.0 * (b.k1 + r * (2.0 * b.k2 + 3.0 * b.k3 * r))
@@ -111,14 +112,14 @@ def turned_with_distortion(row, ray):
     return Ray(ray.x, ray.y, b.vertex, across * dz, up * dz, dz, min(alive, undone))
 
 
-def largest_radius(coefficients: tuple[float, ...], wanted: float) -> float:
-    """Radius of the image up to which the radial part of a distortion grows, at most `wanted`.
+def largest_radius(coefficients: tuple[float, ...], limit: float) -> float:
+    """Radius of the image up to which the radial part of a distortion grows, at most `limit`.
 
     Radii are over the image distance. Beyond, several directions would share an image.
     """
     k1, k2, _, _, k3 = coefficients
-    r = np.linspace(0.0, _FAR * wanted, _RADII)
+    r = np.linspace(0.0, _FAR * limit, _RADII)
     image = r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)
     falls = np.flatnonzero(np.diff(image) <= 0)
     highest = image[falls[0]] if len(falls) else image[-1]
-    return float(min(highest, wanted))
+    return float(min(highest, limit))

@@ -111,15 +111,18 @@ def through_sphere(cap, ray):
     Snell: D' = mu D + (cos' - mu cos) n, n the unit normal with positive z; cos is the root of the quadratic.
     """
     c, mu = cap.curvature, cap.mu
-    ox, oy, oz = ray.dx, ray.dy, ray.dz
+    dx, dy, dz = ray.dx, ray.dy, ray.dz
+    # Move to p, the point of the ray nearest to the vertex.
     px, py, pz = ray.x, ray.y, ray.z - cap.vertex
-    back = fma(px, ox, fma(py, oy, pz * oz))
-    px, py, pz = fma(-back, ox, px), fma(-back, oy, py), fma(-back, oz, pz)
+    beyond = fma(px, dx, fma(py, dy, pz * dz))
+    px, py, pz = fma(-beyond, dx, px), fma(-beyond, dy, py), fma(-beyond, dz, pz)
+    # Solve the quadratic for the path from p to the sphere; its root is cos, the cosine of the angle of incidence.
     f = fma(c, fma(px, px, fma(py, py, pz * pz)), -2.0 * pz)
-    discriminant = fma(oz, oz, -c * f)
+    discriminant = fma(dz, dz, -c * f)
     root = math.sqrt(max(discriminant, 0.0))
-    t = f / (oz + root)
-    px, py, pz = fma(t, ox, px), fma(t, oy, py), fma(t, oz, pz)
+    t = f / (dz + root)
+    px, py, pz = fma(t, dx, px), fma(t, dy, py), fma(t, dz, pz)
+    # Refract: cos'^2 = 1 - mu^2 (1 - cos^2), and n = (-c p_x, -c p_y, 1 - c p_z).
     squared = fma(mu * mu, max(discriminant, 0.0), 1.0 - mu * mu)
     step = fma(-mu, root, math.sqrt(max(squared, 0.0)))
     passes = (discriminant >= 0.0) & (fma(px, px, py * py) <= cap.limit) & (squared >= 0.0)
@@ -128,9 +131,9 @@ def through_sphere(cap, ray):
         px,
         py,
         pz + cap.vertex,
-        fma(bend, px, mu * ox),
-        fma(bend, py, mu * oy),
-        fma(bend, pz, fma(mu, oz, step)),
+        fma(bend, px, mu * dx),
+        fma(bend, py, mu * dy),
+        fma(bend, pz, fma(mu, dz, step)),
         ray.alive if passes else 0.0,
     )
 
@@ -175,14 +178,14 @@ def entered(m, ray):
 
     A ray that then travels along -z meets the back of the surface: blocked, here as in `left`.
     """
-    px, py, pz, ox, oy, oz = ray.x - m.x, ray.y - m.y, ray.z - m.z, ray.dx, ray.dy, ray.dz
-    dz = m.xz * ox + m.yz * oy + m.zz * oz
+    px, py, pz = ray.x - m.x, ray.y - m.y, ray.z - m.z
+    dz = m.xz * ray.dx + m.yz * ray.dy + m.zz * ray.dz
     return Ray(
         m.xx * px + m.yx * py + m.zx * pz,
         m.xy * px + m.yy * py + m.zy * pz,
         m.xz * px + m.yz * py + m.zz * pz,
-        m.xx * ox + m.yx * oy + m.zx * oz,
-        m.xy * ox + m.yy * oy + m.zy * oz,
+        m.xx * ray.dx + m.yx * ray.dy + m.zx * ray.dz,
+        m.xy * ray.dx + m.yy * ray.dy + m.zy * ray.dz,
         dz,
         ray.alive if dz > 0.0 else 0.0,
     )
@@ -191,14 +194,13 @@ def entered(m, ray):
 @inline
 def left(m, ray):
     """The ray moved back from that frame to the displaced surface."""
-    px, py, pz, ox, oy, oz = ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz
-    dz = m.zx * ox + m.zy * oy + m.zz * oz
+    dz = m.zx * ray.dx + m.zy * ray.dy + m.zz * ray.dz
     return Ray(
-        m.xx * px + m.xy * py + m.xz * pz + m.x,
-        m.yx * px + m.yy * py + m.yz * pz + m.y,
-        m.zx * px + m.zy * py + m.zz * pz + m.z,
-        m.xx * ox + m.xy * oy + m.xz * oz,
-        m.yx * ox + m.yy * oy + m.yz * oz,
+        m.xx * ray.x + m.xy * ray.y + m.xz * ray.z + m.x,
+        m.yx * ray.x + m.yy * ray.y + m.yz * ray.z + m.y,
+        m.zx * ray.x + m.zy * ray.y + m.zz * ray.z + m.z,
+        m.xx * ray.dx + m.xy * ray.dy + m.xz * ray.dz,
+        m.yx * ray.dx + m.yy * ray.dy + m.yz * ray.dz,
         dz,
         ray.alive if dz > 0.0 else 0.0,
     )

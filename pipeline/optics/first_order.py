@@ -124,6 +124,7 @@ def paraxial_ray(
     """Heights of a paraxial ray at all surfaces, and its slope times the index behind the last one.
 
     `height`, `slope`: at the first vertex, the slope times the index of the medium in front.
+    `index`: of that medium.
     """
     heights = list[float]()
     for i, surface in enumerate(surfaces):
@@ -152,15 +153,19 @@ def exit_pupil(prescription: Prescription) -> Pupil:
     rear = prescription.surfaces[prescription.stop_index :]
     stop = prescription.stop_index
     before = prescription.surfaces[stop - 1].index if stop else prescription.index_in_front
-    matrix = _matrix(rear, before)
-    behind_mm = float(-matrix[0, 1] / _off_zero(matrix[1, 1], matrix[0, 1]))
-    scale = float(matrix[0, 0] + behind_mm * matrix[1, 0])
+    # The stop is imaged at a distance s behind the last vertex, in air, where B + D s = 0; the image is A + C s wide.
+    (a, b), (c, d) = _matrix(rear, before)
+    behind_mm = float(-b / _off_zero(d, b))
+    scale = float(a + behind_mm * c)
     z_mm = -(prescription.vertices_from_stop_mm[-1] + behind_mm)
     return Pupil(z_mm=z_mm, diameter_mm=2 * prescription.stop.semi_diameter_mm * abs(scale), magnification=scale)
 
 
 def _off_zero(slope: float, height_mm: float) -> float:
-    """The slope, or for a pupil at infinity one that puts it far behind the lens, as seen from scene or sensor."""
+    """The slope, or for a pupil at infinity one that puts it far behind the lens, as seen from scene or sensor.
+
+    `height_mm`: the ray's height where it leaves the lens, whose sign the slope gets.
+    """
     return slope if abs(slope) > _TELECENTRIC else math.copysign(_TELECENTRIC, height_mm)
 
 

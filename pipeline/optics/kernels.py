@@ -63,6 +63,7 @@ class Packet(NamedTuple):
 
 @unit
 def new_packet():
+    """A packet of uninitialised arrays."""
     return Packet(
         np.empty(PACKET),
         np.empty(PACKET),
@@ -81,11 +82,13 @@ def trace_packet(table, packet, count):
     """Trace the first `count` rays of a packet through all surfaces of a table, in place; z ends on the last one."""
     for k in range(table.shape[0]):
         row = table[k]
-        posed = table[k, column.POSE] > 0.0
-        if posed:
+        is_displaced = table[k, column.POSE] > 0.0
+        # Enter the frame of a displaced surface's centred position.
+        if is_displaced:
             motion = motion_of_row(row, column.ENTRY)
             for i in range(count):
                 put(packet, i, entered(motion, ray_of(packet, i)))
+        # Move to the surface and refract, by its kind; spheres are most of all.
         if row[column.TERMS] != 0.0 or row[column.CONIC] != 0.0 or row[column.FORM] != 0.0:
             _through_rest(row, packet, count)
         elif row[column.CURVATURE] == 0.0:
@@ -96,7 +99,7 @@ def trace_packet(table, packet, count):
                 put(packet, i, through_sphere(cap, ray_of(packet, i)))
         if row[column.INNER_SQUARED] > 0.0 or row[column.EDGES] > 0.0:
             _clip(row, packet, count)
-        if posed:
+        if is_displaced:
             motion = motion_of_row(row, column.POSE)
             for i in range(count):
                 put(packet, i, left(motion, ray_of(packet, i)))

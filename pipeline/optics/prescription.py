@@ -55,20 +55,18 @@ class Relief:
 
     @property
     def spline(self) -> np.ndarray:
-        """B-spline coefficients, one more on each side, (rows + 2, columns + 2).
-
-        The third derivative does not jump at the lines next to the edges (not-a-knot), so that cubic surfaces are
-        exact.
-        """
-        heights = np.array(self.heights_mm)
+        """B-spline coefficients, one more on each side, (rows + 2, columns + 2): not-a-knot, so cubics are exact."""
+        coefficients = np.array(self.heights_mm)
         for _ in range(2):  # along y, then along x
-            count = len(heights)
-            rules = np.zeros((count + 2, count + 2))
+            count = len(coefficients)
+            equations = np.zeros((count + 2, count + 2))
+            # The spline has the given height at each line, and no jump of its third derivative next to either edge.
             for line in range(count):
-                rules[line, line : line + 3] = 1 / 6, 4 / 6, 1 / 6
-            rules[count, :5] = rules[count + 1, -5:] = 1, -4, 6, -4, 1
-            heights = np.linalg.solve(rules, np.vstack([heights, np.zeros((2, heights.shape[1]))])).T
-        return heights
+                equations[line, line : line + 3] = 1 / 6, 4 / 6, 1 / 6
+            equations[count, :5] = equations[count + 1, -5:] = 1, -4, 6, -4, 1
+            values = np.vstack([coefficients, np.zeros((2, coefficients.shape[1]))])
+            coefficients = np.linalg.solve(equations, values).T
+        return coefficients
 
 
 def relief_at(
@@ -80,14 +78,17 @@ def relief_at(
     """
     from scipy.interpolate import BSpline  # few lenses have a relief
 
-    def along(axis: int, order: int) -> np.ndarray:
+    def basis(axis: int, order: int) -> np.ndarray:
+        """B-splines along an axis at the points, or their derivatives of an order per spacing, (n, count)."""
         count = spline.shape[1 - axis]
-        basis = BSpline(np.arange(-2, count + 2), np.eye(count), 3, extrapolate=False)
-        return np.asarray(basis(point_mm[:, axis] / spacing_mm + (count - 1) / 2, nu=order))
+        splines = BSpline(np.arange(-2, count + 2), np.eye(count), 3, extrapolate=False)
+        return np.asarray(splines(point_mm[:, axis] / spacing_mm + (count - 1) / 2, nu=order))
 
-    x, y, by_x, by_y = along(0, 0), along(1, 0), along(0, 1) / spacing_mm, along(1, 1) / spacing_mm
-    height, of_x, of_y = (np.einsum("ni,ij,nj->n", up, spline, across) for up, across in ((y, x), (y, by_x), (by_y, x)))
-    return height, of_x, of_y
+    x, x_slope = basis(0, 0), basis(0, 1) / spacing_mm
+    y, y_slope = basis(1, 0), basis(1, 1) / spacing_mm
+    products = ((y, x), (y, x_slope), (y_slope, x))
+    height, by_x, by_y = (np.einsum("ni,ij,nj->n", up, spline, across) for up, across in products)
+    return height, by_x, by_y
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,6 +189,7 @@ class Surface:
         _check_displacement("a surface", self.decentre_mm, self.tilt_deg)
 
     def _check_relief(self, relief: Relief) -> None:
+        """Raise a PrescriptionError if the surface has another shape, too, or an aperture beyond the heights."""
         if not math.isinf(self.radius_mm) or any(self.even_coefficients + self.odd_coefficients) or self.is_cylinder:
             hint = "write the whole sag into the heights"
             raise PrescriptionError("a surface has heights and another shape", hint=hint, code="heights")
@@ -200,6 +202,7 @@ class Surface:
             )
 
     def _check_ideal(self) -> None:
+        """Raise a PrescriptionError if the numbers of an ideal thin lens contradict each other."""
         if self.focal_length_mm == 0 or not math.isfinite(self.focal_length_mm or math.nan):
             raise PrescriptionError(
                 f"an ideal thin lens has the focal length {self.focal_length_mm} mm", code="ideal-lens"
@@ -319,6 +322,7 @@ class Group:
 
 
 def _check_displacement(subject: str, decentre_mm: tuple[float, float], tilt_deg: tuple[float, float]) -> None:
+    """Raise a PrescriptionError about a subject whose displacement is not finite, or turns it from the light."""
     if not all(map(math.isfinite, decentre_mm)):
         raise PrescriptionError(f"{subject} is decentred by {decentre_mm} mm")
     if not all(abs(angle) < UPRIGHT_DEG for angle in tilt_deg):

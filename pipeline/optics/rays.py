@@ -75,8 +75,10 @@ def traced(
     with np.errstate(all="ignore"):  # rays that miss go on as NaN
         for row in table:
             if row[column.POSE]:
-                back = inverse(motion_of(row, column.ENTRY))
-                position, direction = apply(back, position), direction @ back[:3, :3].T
+                centred_from_entry = inverse(motion_of(row, column.ENTRY))
+                position = apply(centred_from_entry, position)
+                direction = direction @ centred_from_entry[:3, :3].T
+            # Move the rays to the vertex plane, then to the surface.
             position = position + ((row[column.VERTEX] - position[:, 2]) / direction[:, 2])[:, None] * direction
             position, direction, passed = (
                 _ideal(row, position, direction) if row[column.TERMS] < 0 else _crossed(row, position, direction)
@@ -84,7 +86,8 @@ def traced(
             alive &= passed & _is_inside(row, position)
             if row[column.POSE]:
                 motion = motion_of(row)
-                position, direction = apply(motion, position), direction @ motion[:3, :3].T
+                position = apply(motion, position)
+                direction = direction @ motion[:3, :3].T
     return Traced(position, direction, alive)
 
 
@@ -93,8 +96,9 @@ def incidence(
 ) -> np.ndarray:
     """Cosines of the angles of incidence at a surface, (n,); NaN for a ray that misses."""
     if row[column.POSE]:
-        back = inverse(motion_of(row))
-        point_mm, direction = apply(back, point_mm), direction @ back[:3, :3].T
+        centred_from_surface = inverse(motion_of(row))
+        point_mm = apply(centred_from_surface, point_mm)
+        direction = direction @ centred_from_surface[:3, :3].T
     with np.errstate(invalid="ignore"):
         _, normal = _surface(row, row[column.CURVATURE], 1.0 + row[column.CONIC], point_mm)
         return np.asarray(np.abs(dot(normal, direction)) / np.sqrt(dot(normal, normal)))
@@ -103,31 +107,37 @@ def incidence(
 def _crossed(row: np.ndarray, start: np.ndarray, direction: np.ndarray) -> Traced:
     """Move rays from the vertex plane to the surface and refract them by Snell's law in vectors."""
     # With S the polynomial and w = z - S the surface is F = w - c (r^2 + (1 + k) w^2) / 2 = 0, and m = grad F its
-    # normal.
+    # normal. A cylinder has y^2 in place of r^2.
     is_relief = row[column.FORM] == column.RELIEF
     is_cylinder = float(row[column.FORM] == column.CYLINDER)
     bulge = 1.0 if is_relief else 1.0 + row[column.CONIC]
-    c, mu = row[column.CURVATURE], row[column.INDEX_RATIO]
+    c = row[column.CURVATURE]
+    mu = row[column.INDEX_RATIO]
+    # Meet the conic: the root t = f / (g + sqrt(g^2 - a f)) of the quadratic, as in `optics.aspheres`.
     curved = np.array([1.0 - is_cylinder, 1.0])
     dz = direction[:, 2]
     across, squared = (dot(curved * start[:, :2], part[:, :2]) for part in (direction, start))
     length = 1.0 - is_cylinder * direction[:, 0] ** 2
-    f, g = c * squared, dz - c * across
+    f = c * squared
+    g = dz - c * across
     path = f / (g + np.sqrt(g * g - c * (length + (bulge - 1.0) * dz * dz) * f))
+    # Go on to the asphere or relief by Newton's method on F = 0.
     for _ in range(_STEPS if row[column.TERMS] else 0):
         value, normal = _surface(row, c, bulge, start + path[:, None] * direction)
         path = path - value / dot(normal, direction)
     point = start + path[:, None] * direction
+    # Refract by the normal at the point, and block rays that have missed the surface.
     value, normal = _surface(row, c, bulge, point)
-    squared, along = dot(normal, normal), dot(normal, direction)
+    squared = dot(normal, normal)
+    along = dot(normal, direction)
     root = squared - mu * mu * (squared - along * along)
-    bent = mu * direction + ((np.sqrt(root) - mu * along) / squared)[:, None] * normal
-    met = (np.abs(value) <= _RESIDUAL_MM * np.abs(normal[:, 2])) & (normal[:, 2] > 0) & (along >= 0)
-    return Traced(point, bent, met & (root >= 0))
+    refracted = mu * direction + ((np.sqrt(root) - mu * along) / squared)[:, None] * normal
+    meets = (np.abs(value) <= _RESIDUAL_MM * np.abs(normal[:, 2])) & (normal[:, 2] > 0) & (along >= 0)
+    return Traced(point, refracted, meets & (root >= 0))
 
 
 def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """F at points and its gradient."""
+    """F of `_crossed` at points, (n,) [mm], and its gradient, (n, 3)."""
     if row[column.FORM] == column.RELIEF:
         columns, rows = int(row[column.RELIEF_COLUMNS]), int(row[column.RELIEF_ROWS])
         spline = row[column.COEFFICIENTS :][: rows * columns].reshape(rows, columns)

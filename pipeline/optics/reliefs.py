@@ -36,12 +36,14 @@ class Height(NamedTuple):
 @inline
 def through_relief(row, mu, ray):
     """The ray moved from the vertex plane to the relief, and refracted there."""
+    # Solve t d_z = h by Newton's method.
     t = 0.0
     height = height_at(row, ray.x, ray.y)
     for _ in range(_STEPS):
         step = (height.mm - t * ray.dz) / (ray.dz - height.by_x * ray.dx - height.by_y * ray.dy)
         t += step
         height = height_at(row, ray.x + t * ray.dx, ray.y + t * ray.dy)
+    # Refract as in `aspheres.bent`, with the normal m = (-dh/dx, -dh/dy, 1).
     x, y = ray.x + t * ray.dx, ray.y + t * ray.dy
     along = ray.dz - height.by_x * ray.dx - height.by_y * ray.dy
     length = 1.0 + height.by_x * height.by_x + height.by_y * height.by_y
@@ -62,7 +64,7 @@ def through_relief(row, mu, ray):
 
 @inline
 def height_at(row, x, y):
-    """Height and slopes at a point of the vertex plane."""
+    """Height and slopes at a point of the vertex plane: the sum over 16 splines, row by row."""
     columns = row[RELIEF_COLUMNS]
     rows = row[RELIEF_ROWS]
     per_mm = 1.0 / row[RELIEF_SPACING]
@@ -75,15 +77,15 @@ def height_at(row, x, y):
     width = int(columns)
     for k in range(4):
         first = corner + k * width
-        of_row = 0.0
-        slope = 0.0
+        row_sum = 0.0
+        row_slope = 0.0
         for n in range(4):
             a = row[first + n]
-            of_row += _basis(n, u) * a
-            slope += _slope(n, u) * a
-        height += _basis(k, v) * of_row
-        by_x += _basis(k, v) * slope
-        by_y += _slope(k, v) * of_row
+            row_sum += _basis(n, u) * a
+            row_slope += _slope(n, u) * a
+        height += _basis(k, v) * row_sum
+        by_x += _basis(k, v) * row_slope
+        by_y += _slope(k, v) * row_sum
     return Height(height, by_x * per_mm, by_y * per_mm)
 
 

@@ -27,7 +27,9 @@ def elements(prescription: Prescription) -> list[Section]:
     outlines = []
     for (front, ahead), (_, behind) in pairwise(zip(prescription.surfaces, profiles(prescription), strict=True)):
         if front.is_before_glass:
-            upper, lower = max(ahead[-1][1], behind[-1][1]), min(ahead[0][1], behind[0][1])
+            # Straight edges at the height of the larger aperture join both sections.
+            upper = max(ahead[-1][1], behind[-1][1])
+            lower = min(ahead[0][1], behind[0][1])
             top = [(ahead[-1][0], upper), (behind[-1][0], upper)]
             bottom = [(behind[0][0], lower), (ahead[0][0], lower)]
             outlines.append([*ahead, *top, *reversed(behind), *bottom])

@@ -84,10 +84,10 @@ def displacements(prescription: Prescription) -> list[np.ndarray | None]:
     motions = [motion(s.decentre_mm, s.tilt_deg, z) for s, z in zip(prescription.surfaces, vertices, strict=True)]
     for group in prescription.groups:
         pivot_mm = vertices[group.first] + group.pivot_mm
-        of_group = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
-        for i in group.members if of_group is not None else ():
-            of_surface = motions[i]
-            motions[i] = of_group if of_surface is None else of_group @ of_surface
+        group_motion = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
+        for i in group.members if group_motion is not None else ():
+            surface_motion = motions[i]
+            motions[i] = group_motion if surface_motion is None else group_motion @ surface_motion
     return motions
 
 
@@ -214,17 +214,19 @@ def unbounded(table: Float64[np.ndarray, "surfaces columns"]) -> np.ndarray:
 
 def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) -> list[float]:
     """One surface; `sign` is that of the frame's z against the lens frame's."""
-    coefficients, odd = _polynomial(surface)
-    terms: float = max(len(coefficients), LOW_TERMS) if coefficients else 0
-    third = float(odd)
+    coefficients, has_odd = _polynomial(surface)
     conic = 0.0 if surface.curvature_per_mm == 0 else surface.conic + 0.0
+    terms: float = max(len(coefficients), LOW_TERMS) if coefficients else 0
+    odd = float(has_odd)
     form = REVOLVED
     if surface.is_cylinder and surface.curvature_per_mm != 0:
         form = CYLINDER
     if surface.relief is not None:
         spline = surface.relief.spline[:: int(sign)]  # the vision frame has y down
-        (rows, columns), coefficients, form = spline.shape, spline.ravel().tolist(), RELIEF
-        conic, terms, third = float(columns), float(rows), surface.relief.spacing_mm
+        form = RELIEF
+        coefficients = spline.ravel().tolist()
+        # Three columns have another meaning for a relief: RELIEF_COLUMNS, RELIEF_ROWS and RELIEF_SPACING.
+        conic, terms, odd = float(spline.shape[1]), float(spline.shape[0]), surface.relief.spacing_mm
     elif surface.focal_length_mm is not None:
         coefficients = [sign * value for value in _ideal(surface, sign)]  # without the sign that they get below
         distorting = TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
@@ -240,7 +242,7 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         surface.semi_diameter_mm**2,
         conic,
         terms,
-        third,
+        odd,
         surface.inner_semi_diameter_mm**2,
         len(edges) / 3,
         COEFFICIENTS + len(coefficients),
@@ -272,5 +274,6 @@ def _polynomial(surface: Surface) -> tuple[list[float], bool]:
 
 
 def _trimmed(coefficients: tuple[float, ...] | list[float]) -> list[float]:
+    """The coefficients up to the last one that is not zero."""
     used = max((i + 1 for i, a in enumerate(coefficients) if a != 0), default=0)
     return list(coefficients[:used])

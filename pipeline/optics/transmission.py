@@ -31,6 +31,8 @@ class Film:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Coating:
+    """A coating at one wavelength: reflectances by angle, or thin films."""
+
     reflectance: tuple[float, ...] = ()  # at each angle; without angles a single one, for all of them
     angles_deg: tuple[float, ...] = ()  # of incidence in the medium of the lower index, ascending
     films: tuple[Film, ...] = ()  # in the order in which light from the scene meets them; in place of reflectances
@@ -102,6 +104,7 @@ def _lateral(index: float, cosine: np.ndarray) -> np.ndarray:
 
 
 def _ascending(values: tuple[float, ...], quantity: str, unit: str) -> None:
+    """Raise a PrescriptionError unless values of a coating's table ascend."""
     for before, after in pairwise(values):
         if not before < after:
             message = f"{quantity} of a coating do not ascend: {after:.7g} {unit} follow {before:.7g}"
@@ -118,18 +121,18 @@ def _through_films(films: tuple[Film, ...], before: float, behind: float, latera
     film its cosine is imaginary.
     """
     with np.errstate(all="ignore"):  # dead rays are NaN
-        cosines = [np.sqrt(1 - (lateral / n) ** 2 + 0j) for n in (before, *(film.index for film in films), behind)]
-        first, *inner, last = (
-            np.stack([n * cosine, n / cosine])
-            for n, cosine in zip((before, *(film.index for film in films), behind), cosines, strict=True)
-        )
+        # Cosines of the angle and admittances in all media, from the one before the stack to the one behind it.
+        indices = (before, *(film.index for film in films), behind)
+        cosines = [np.sqrt(1 - (lateral / n) ** 2 + 0j) for n in indices]
+        first, *inner, last = (np.stack([n * cos, n / cos]) for n, cos in zip(indices, cosines, strict=True))
+        # Carry a transmitted field of 1 from the rear of the stack to its front.
         electric, magnetic = np.ones_like(last), last
         for film, cosine, admittance in zip(films[::-1], cosines[-2:0:-1], inner[::-1], strict=True):
             phase = 2 * np.pi * film.index * film.waves * cosine
-            cos, sin = np.cos(phase), 1j * np.sin(phase)
+            cos, i_sin = np.cos(phase), 1j * np.sin(phase)
             electric, magnetic = (
-                cos * electric + sin / admittance * magnetic,
-                admittance * sin * electric + cos * magnetic,
+                cos * electric + i_sin / admittance * magnetic,
+                admittance * i_sin * electric + cos * magnetic,
             )
         passed: np.ndarray = 4 * first.real * last.real / np.abs(first * electric + magnetic) ** 2
     # Fields that fade away in many wavelengths of film overflow: nothing passes.
@@ -156,20 +159,24 @@ def transmitted(
     `position_mm`, `direction`: points on the rays and unit directions with a positive z.
     `losses`: in the order of the table, at whose end is air.
     """
-    across, along = np.ones(len(position_mm)), np.ones(len(position_mm))
+    s = np.ones(len(position_mm))
+    p = np.ones(len(position_mm))
     alive = np.ones(len(position_mm), bool)
-    met = _met(table, position_mm, direction, float(np.prod(table[:, INDEX_RATIO])))
-    for at, coat, glass in zip(met, losses.coatings, (1.0, *losses.per_mm[:-1]), strict=True):
-        inside = np.asarray(glass ** np.where(np.isfinite(at.path_mm), np.maximum(at.path_mm, 0.0), 0.0))
-        if coat is not None:
-            shares = coat.passed(at.before, at.behind, at.cosine)
+    index_in_front = float(np.prod(table[:, INDEX_RATIO]))  # air is behind the last surface
+    incidences = _incidences(table, position_mm, direction, index_in_front)
+    for at, coating, per_mm in zip(incidences, losses.coatings, (1.0, *losses.per_mm[:-1]), strict=True):
+        # Absorption on the way to the surface, then the share of each polarisation that it transmits.
+        internal = np.asarray(per_mm ** np.where(np.isfinite(at.path_mm), np.maximum(at.path_mm, 0.0), 0.0))
+        if coating is not None:
+            shares = coating.passed(at.before, at.behind, at.cosine)
         elif at.row[TERMS] < 0 or at.row[INDEX_RATIO] == 1:
             shares = np.ones((2, len(alive)))
         else:
-            shares = fresnel(at.row[INDEX_RATIO], at.direction, at.bent)
-        across, along = across * shares[0] * inside, along * shares[1] * inside
+            shares = fresnel(at.row[INDEX_RATIO], at.direction, at.refracted)
+        s = s * shares[0] * internal
+        p = p * shares[1] * internal
         alive &= at.passes
-    return np.where(alive, (across + along) / 2, 0.0)
+    return np.where(alive, (s + p) / 2, 0.0)
 
 
 def steepest_deg(
@@ -184,33 +191,38 @@ def steepest_deg(
     """
     alive = np.ones(len(position_mm), bool)
     angles = []
-    for at in _met(table, position_mm, direction, 1.0):
+    for at in _incidences(table, position_mm, direction, 1.0):
         angles.append(angles_deg(at.before, at.behind, at.cosine))
         alive &= at.passes
     return np.array([angle[alive].max(initial=0.0) for angle in angles])
 
 
-class _Met(NamedTuple):
-    """Rays at a surface: its row, path length to it, directions before and behind it, and cosines of incidence."""
+class _Incidence(NamedTuple):
+    """Rays at a surface: its row, path length to it, directions before and behind it, whether they pass, cosines of
+    incidence, and the indices before and behind it.
+    """
 
     row: np.ndarray
     path_mm: np.ndarray
     direction: np.ndarray
-    bent: np.ndarray
+    refracted: np.ndarray
     passes: np.ndarray
     cosine: np.ndarray
     before: float
     behind: float
 
 
-def _met(table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray, behind: float) -> Iterator[_Met]:
-    """Rays at one surface after the other; `behind` is the index of the medium that they come from."""
+def _incidences(
+    table: np.ndarray, position_mm: np.ndarray, direction: np.ndarray, index: float
+) -> Iterator[_Incidence]:
+    """Rays at one surface after the other; `index` is that of the medium that they come from."""
     for row in table:
-        before, behind = behind, behind / row[INDEX_RATIO]
-        point, bent, passes = traced(row[None], position_mm, direction)
+        before = index
+        index = before / row[INDEX_RATIO]
+        point, refracted, passes = traced(row[None], position_mm, direction)
         path_mm = dot(point - position_mm, direction)
-        yield _Met(row, path_mm, direction, bent, passes, incidence(row, point, direction), before, behind)
-        position_mm, direction = point, bent
+        yield _Incidence(row, path_mm, direction, refracted, passes, incidence(row, point, direction), before, index)
+        position_mm, direction = point, refracted
 
 
 def fresnel(index_ratio: float, before: Float64[np.ndarray, "n 3"], behind: Float64[np.ndarray, "n 3"]) -> np.ndarray:

@@ -61,14 +61,15 @@ class Windows:
     def before(self, lens: Prescription, wavelength_nm: float) -> Prescription:
         """The prescription with these windows in front of it."""
         media = self.at(wavelength_nm)
-        glazed = tuple(replace(s, index=n) for s, n in zip(self.surfaces, media.behind, strict=True))
-        if glazed:
-            last_mm = self.first_mm + sum(surface.thickness_mm for surface in glazed[:-1])
-            glazed = (*glazed[:-1], replace(glazed[-1], thickness_mm=lens.vertices_from_stop_mm[0] - last_mm))
-        moved = (replace(group, first=group.first + len(glazed)) for group in lens.groups)
+        panes = tuple(replace(s, index=n) for s, n in zip(self.surfaces, media.behind, strict=True))
+        # The last surface of the windows ends at the first vertex of the lens.
+        if panes:
+            last_mm = self.first_mm + sum(surface.thickness_mm for surface in panes[:-1])
+            panes = (*panes[:-1], replace(panes[-1], thickness_mm=lens.vertices_from_stop_mm[0] - last_mm))
+        groups_of_lens = (replace(group, first=group.first + len(panes)) for group in lens.groups)
         return replace(
             lens,
-            surfaces=(*glazed, *lens.surfaces),
-            groups=(*self.groups, *moved),
+            surfaces=(*panes, *lens.surfaces),
+            groups=(*self.groups, *groups_of_lens),
             index_in_front=media.index_in_front,
         )

@@ -29,7 +29,7 @@ from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.blur import spread
 from pipeline.truth.direct.candidates import inverse
-from pipeline.truth.direct.newton import mean_hit, over_exposure
+from pipeline.truth.direct.residuals import mean_hit, over_exposure
 from pipeline.truth.planes import Planes
 
 _LEVEL = 2
@@ -78,7 +78,7 @@ class Derivatives:
     blur_px2: Float64[np.ndarray, "n v 2 2"] | None = None
 
 
-class _Rows:
+class _RowIntegrals:
     """Integrals of rows at their solutions and beside them, as moments (n, COLUMNS)."""
 
     def __init__(self, base: Neighbour, point: np.ndarray, bundles: Bundles) -> None:
@@ -87,8 +87,8 @@ class _Rows:
         self._bundles = bundles
         self.pupils = FrozenPupils(base.tracer, bundles, _LEVEL, SMOOTH)
 
-    def of(self, neighbour: Neighbour) -> np.ndarray:
-        """Moments of a neighbour."""
+    def by_neighbour(self, neighbour: Neighbour) -> np.ndarray:
+        """Moments of a neighbour's bundles."""
         microlens = _same_microlenses(self._bundles.microlens, self._base.tracer.lattice, neighbour.tracer.lattice)
         return self._exposed(neighbour, replace(self._bundles, microlens=microlens))
 
@@ -97,6 +97,8 @@ class _Rows:
         return self._exposed(self._base, replace(self._bundles, x_px=x_px))
 
     def _exposed(self, neighbour: Neighbour, bundles: Bundles) -> np.ndarray:
+        """Moments over the exposure of the rows, on the planes and with the tracer of a neighbour."""
+
         def integrate(planes: np.ndarray) -> Integral:
             return self.pupils.next_to(neighbour.tracer, replace(bundles, planes=planes))
 
@@ -118,7 +120,7 @@ def _jacobian(neighbour: Neighbour, point: np.ndarray, bundles: Bundles) -> np.n
     """Derivative of J by image position, (n, 2, 2), with the pupil traced anew at both ends: corners move."""
 
     def moments(x_px: np.ndarray) -> np.ndarray:
-        return _Rows(neighbour, point, replace(bundles, x_px=x_px)).at(x_px)
+        return _RowIntegrals(neighbour, point, replace(bundles, x_px=x_px)).at(x_px)
 
     return mean_hit(by_x(moments, bundles.x_px, _BEND_PX))
 
@@ -128,42 +130,55 @@ def derivatives(
 ) -> Derivatives:
     """Derivatives of solved rows on the tangent planes of their points, which may move with the shutter."""
     base = Neighbour(rig.tracer, solved.planes)
-    nowhere = np.zeros((len(solved.x_px), 2, 4, 3))
-    bundles = Bundles(solved.x_px, rig.microlens(solved.cell), nowhere, rig.square_px)
-    rows = _Rows(base, solved.point, bundles)
-    rates_by_x = by_x(rows.at, solved.x_px)
-    jacobian, spread_by_x = mean_hit(rates_by_x), spread(rates_by_x)
+    no_planes = np.zeros((len(solved.x_px), 2, 4, 3))  # each integral puts in its own
+    bundles = Bundles(solved.x_px, rig.microlens(solved.cell), no_planes, rig.square_px)
+    rows = _RowIntegrals(base, solved.point, bundles)
+    moments_by_x = by_x(rows.at, solved.x_px)
+    jacobian = mean_hit(moments_by_x)
+    spread_by_x = spread(moments_by_x)
     px_per_mm = inverse(jacobian)
     x_rates = np.full((len(px_per_mm), len(variations), 2), np.nan)
     spread_rates = np.full((len(px_per_mm), len(variations), 2, 2), np.nan)
     for number, variation in enumerate(variations):
-        rates = (rows.of(variation.more) - rows.of(variation.less)) / (2 * variation.step)
-        x_rates[:, number] = rate = -np.einsum("nij,nj->ni", px_per_mm, mean_hit(rates))
-        spread_rates[:, number] = spread(rates) + np.einsum("nijk,nk->nij", spread_by_x, rate)
-    of_rows = Derivatives(x_rates, spread_rates, jacobian)
+        # dx / dtheta, and the total derivative of the covariance: by theta, and by x as the row moves.
+        change = rows.by_neighbour(variation.more) - rows.by_neighbour(variation.less)
+        moments_rate = change / (2 * variation.step)
+        x_rate = -np.einsum("nij,nj->ni", px_per_mm, mean_hit(moments_rate))
+        x_rates[:, number] = x_rate
+        spread_rates[:, number] = spread(moments_rate) + np.einsum("nijk,nk->nij", spread_by_x, x_rate)
+    without_blur = Derivatives(x_rates, spread_rates, jacobian)
     if not with_blur:
-        return of_rows
-    return replace(of_rows, blur_px2=_blur_rates(base, solved.point, bundles, variations, of_rows))
+        return without_blur
+    return replace(without_blur, blur_px2=_blur_rates(base, solved.point, bundles, variations, without_blur))
 
 
 def _blur_rates(
     base: Neighbour, point: np.ndarray, bundles: Bundles, variations: Sequence[Variation], of_rows: Derivatives
 ) -> np.ndarray:
-    """Derivatives of the blur, (n, v, 2, 2), from those of the covariance and of dJ / dx along the row."""
-    rows = _Rows(base, point, replace(bundles, square_px=0.0))  # a footprint is part of J, and not of the blur
-    spread_mm2, spread_by_x = spread(rows.at(bundles.x_px)), spread(by_x(rows.at, bundles.x_px))
+    """Derivatives of the blur, (n, v, 2, 2), from those of the covariance and of dJ / dx along the row.
+
+    With C the covariance and B the inverse of dJ / dx the blur is B C B^T. Its derivative is B' C B^T + B C' B^T +
+    B C B'^T, with B' = - B (dJ / dx)' B.
+    """
+    rows = _RowIntegrals(base, point, replace(bundles, square_px=0.0))  # a footprint is part of J, and not of the blur
+    spread_mm2 = spread(rows.at(bundles.x_px))
+    spread_by_x = spread(by_x(rows.at, bundles.x_px))
     px_per_mm = inverse(of_rows.jacobian_mm_per_px)
-    back = px_per_mm.transpose(0, 2, 1)
+    transposed = px_per_mm.transpose(0, 2, 1)
     blur_rates = np.empty_like(of_rows.spread_mm2)
     for number, variation in enumerate(variations):
-        rate = of_rows.x_px[:, number]
+        # Take dJ / dx at both ends of the step, each at the x to which the row moves.
+        x_rate = of_rows.x_px[:, number]
         ends = []
-        for side, step in ((variation.more, variation.step), (variation.less, -variation.step)):
-            microlens = _same_microlenses(bundles.microlens, base.tracer.lattice, side.tracer.lattice)
-            ends.append(_jacobian(side, point, replace(bundles, x_px=bundles.x_px + step * rate, microlens=microlens)))
-        of_inverse = px_per_mm @ (ends[1] - ends[0]) @ px_per_mm / (2 * variation.step)
-        rates = spread(rows.of(variation.more) - rows.of(variation.less)) / (2 * variation.step)
-        rates += np.einsum("nijk,nk->nij", spread_by_x, rate)
-        half = of_inverse @ spread_mm2 @ back
-        blur_rates[:, number] = px_per_mm @ rates @ back + half + half.transpose(0, 2, 1)
+        for neighbour, step in ((variation.more, variation.step), (variation.less, -variation.step)):
+            microlens = _same_microlenses(bundles.microlens, base.tracer.lattice, neighbour.tracer.lattice)
+            moved = replace(bundles, x_px=bundles.x_px + step * x_rate, microlens=microlens)
+            ends.append(_jacobian(neighbour, point, moved))
+        inverse_rate = px_per_mm @ (ends[1] - ends[0]) @ px_per_mm / (2 * variation.step)
+        # Take the total derivative of the covariance, and apply the product rule.
+        change = rows.by_neighbour(variation.more) - rows.by_neighbour(variation.less)
+        spread_rate = spread(change) / (2 * variation.step)
+        spread_rate += np.einsum("nijk,nk->nij", spread_by_x, x_rate)
+        by_inverse = inverse_rate @ spread_mm2 @ transposed
+        blur_rates[:, number] = px_per_mm @ spread_rate @ transposed + by_inverse + by_inverse.transpose(0, 2, 1)
     return blur_rates

@@ -23,7 +23,8 @@ from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
 from pipeline.files.jsonfile import Json
 from pipeline.records.shapes import Float64, Int64
-from pipeline.truth.direct.newton import Search, errors_px, mean_hit, over_exposure
+from pipeline.truth.direct.newton import Search
+from pipeline.truth.direct.residuals import errors_px, mean_hit, over_exposure
 from pipeline.truth.planes import Exposed
 from pipeline.truth.settings import CLAIM_PX, JUDGES_RAYS, ROWS, SHARPER
 
@@ -34,7 +35,7 @@ _CHANCE = 0.01
 """Probability below which a difference in one row is not chance [1], though it may be in one of many."""
 _SUSPECT = 0.2
 """Probability below which a row does not count as right and is judged again, as for errors of twice the claim [1]."""
-_TURNS = 3
+_STEPS = 3
 """Most Newton steps with one number of rays: the first leaves little, and more rays follow."""
 _ROUGH_PX = 0.01
 """Step length below which no further step with these rays is needed [px]: the remaining error is far smaller."""
@@ -53,6 +54,7 @@ class Rows:
     is_direct: bool  # whether they were found by quadrature
 
     def only(self, kept: Int64[np.ndarray, "n"]) -> "Rows":
+        """The rows of these indices."""
         return Rows(self.planes.only(kept), self.cell[kept], self.x_px[kept], self.is_direct)
 
     @staticmethod
@@ -84,6 +86,7 @@ class Differences(NamedTuple):
 
     @property
     def length_px(self) -> np.ndarray:
+        """Lengths of the differences, (n,)."""
         return np.hypot(*self.apart_px.T)
 
     @property
@@ -108,6 +111,7 @@ def differences(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 
 
 def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
+    """A search that begins at the rows, with the Jacobians of J there, and the indices of the rows that have one."""
     microlens = rig.microlens(rows.cell)
     search = Search(rig.tracer, microlens, lambda kept, _: rows.planes.only(kept), rows.x_px, rows.x_px, rig.square_px)
     search.linearise()
@@ -115,11 +119,12 @@ def _search(rig: Rig, rows: Rows) -> tuple[Search, np.ndarray]:
 
 
 def _by_quadrature(rig: Rig, rows: Rows, claim_px: float) -> Differences:
+    """Differences of rows from their solutions by quadrature, to a tenth of the claim."""
     search, lit = _search(rig, rows)
     search.refine(lit, claim_px / 10)
-    apart = np.full(rows.x_px.shape, np.nan)
-    apart[lit] = search.x_px[lit] - rows.x_px[lit]
-    return Differences(apart, search.sigma_px, np.where(search.is_random, REPLICAS - 1.0, _CERTAIN))
+    apart_px = np.full(rows.x_px.shape, np.nan)
+    apart_px[lit] = search.x_px[lit] - rows.x_px[lit]
+    return Differences(apart_px, search.sigma_px, np.where(search.is_random, REPLICAS - 1.0, _CERTAIN))
 
 
 _CERTAIN = 1e9
@@ -127,60 +132,73 @@ _CERTAIN = 1e9
 
 
 def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> Differences:
+    """Differences of rows from their solutions by random rays, in the two stages of the test."""
     judge = _RandomRays(rig, rows)
     judge.approach(claim_px)
-    judge.ask_again(claim_px)
-    return judge.found
+    judge.judge_doubtful_again(claim_px)
+    return judge.differences
 
 
 class _RandomRays:
-    """Rows that move to where J is right according to random rays; NaN without light."""
+    """Newton's method with random rays for rows of a table, from where the table puts them; NaN without light.
+
+    `apart_px`: shift of each row so far, and `sigma_px` its standard error, (n, 2) each.
+    `rays`: number of rays of the last integral of each row, and `freedom` the degrees of freedom of its error, (n,).
+    """
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
         self.rig, self.rows = rig, rows
         search, self.lit = _search(rig, rows)
         self.inverse = search.inverse
-        self.apart_px, self.sigma_px = np.full(rows.x_px.shape, np.nan), np.full(rows.x_px.shape, np.nan)
+        n = len(rows.x_px)
+        self.apart_px = np.full((n, 2), np.nan)
         self.apart_px[self.lit] = 0.0
-        self.rays, self.freedom = np.zeros(len(self.apart_px), int), np.full(len(self.apart_px), REPLICAS - 1.0)
-        self._error_mm, self._coarser_mm = np.full_like(self.apart_px, np.nan), np.full_like(self.apart_px, np.nan)
+        self.sigma_px = np.full((n, 2), np.nan)
+        self.rays = np.zeros(n, int)
+        self.freedom = np.full(n, REPLICAS - 1.0)
+        self._error_mm = np.full((n, 2), np.nan)
+        self._coarser_mm = np.full((n, 2), np.nan)
 
     @property
-    def found(self) -> Differences:
+    def differences(self) -> Differences:
+        """The shifts so far, and their errors."""
         return Differences(self.apart_px, self.sigma_px, self.freedom)
 
     def approach(self, claim_px: float) -> None:
         """Newton's method with more and more rays, until the errors of all rows are small enough."""
         doubtful = self.lit
         for rays in JUDGES_RAYS:
+            # Solve with this number of rays; their error is pooled with that of the number before.
             self.rays[doubtful] = rays
             self._coarser_mm[doubtful] = self._error_mm[doubtful]
-            for _ in range(_TURNS):
+            for _ in range(_STEPS):
                 step, self.sigma_px[doubtful] = self._step(doubtful, rays)
                 self.apart_px[doubtful] += step
                 if not (np.abs(step) > _ROUGH_PX).any():
                     break
+            # Keep the rows that may break the claim, and whose own error is not small enough yet.
             length = np.hypot(*self.apart_px[doubtful].T)
             sigma = np.hypot(*self.sigma_px[doubtful].T)
             doubtful = doubtful[(length + SHARPER * sigma > claim_px) & (sigma > claim_px / SHARPER / 2)]
             if not len(doubtful):
                 break
 
-    def ask_again(self, claim_px: float) -> None:
+    def judge_doubtful_again(self, claim_px: float) -> None:
         """Judge rows that may not keep their claim by fresh rays alone, and those that more rays can decide."""
+        # Select the rows: undecided ones that the errors of all batches would decide, and suspect ones.
         freedom = _BATCHES * (REPLICAS - 1.0)
-        sharper = Differences(
-            0 * self.apart_px, self.sigma_px / math.sqrt(_BATCHES), np.full_like(self.freedom, freedom)
-        )
-        is_open = ~self.found.is_decisive(claim_px) & sharper.is_decisive(claim_px)
-        is_open |= self.found.chance(claim_px) < _SUSPECT
+        expected_sigma_px = self.sigma_px / math.sqrt(_BATCHES)
+        with_batches = Differences(0 * self.apart_px, expected_sigma_px, np.full_like(self.freedom, freedom))
+        is_doubtful = ~self.differences.is_decisive(claim_px) & with_batches.is_decisive(claim_px)
+        is_doubtful |= self.differences.chance(claim_px) < _SUSPECT
+        # Take the mean step of all batches, each of as many rays as the row had last; errors add in squares.
         self._coarser_mm[:] = np.nan
-        for rays in np.unique(self.rays[is_open]).tolist():
-            open_rows = np.flatnonzero(is_open & (self.rays == rays))
-            step, error = np.stack([self._step(open_rows, rays, stream) for stream in range(1, _BATCHES + 1)], axis=1)
-            self.apart_px[open_rows] += step.mean(axis=0)
-            self.sigma_px[open_rows] = np.sqrt(np.sum(error**2, axis=0)) / _BATCHES
-            self.freedom[open_rows] = freedom
+        for rays in np.unique(self.rays[is_doubtful]).tolist():
+            rows = np.flatnonzero(is_doubtful & (self.rays == rays))
+            step, error = np.stack([self._step(rows, rays, stream) for stream in range(1, _BATCHES + 1)], axis=1)
+            self.apart_px[rows] += step.mean(axis=0)
+            self.sigma_px[rows] = np.sqrt(np.sum(error**2, axis=0)) / _BATCHES
+            self.freedom[rows] = freedom
 
     def _step(self, rows: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """The remaining Newton step from the current positions, and its standard error."""
@@ -215,20 +233,20 @@ _BINS_PX = (0.0, 1.0, 2.0, 4.0)
 pixels around a row, so rows nearer to a border have fewer of them."""
 
 
-def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
+def certify(rig: Rig, rows: Rows, table_rows: int, claim_px: float | None) -> Json:
     """Solve rows again and report the differences, as plain data for the manifest.
 
-    `of` is the number of rows from which the sample was drawn; without a claim there is no verdict.
+    `table_rows` is the number of rows from which the sample was drawn; without a claim there is no verdict.
     """
-    found = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
-    length = found.length_px
-    judge_error = found.error_px
-    away_px = edge_distance_px(rig, rows)
-    within, beyond = judged(found, rows, math.inf if claim_px is None else claim_px)
+    measured = differences(rig, rows, CLAIM_PX if claim_px is None else claim_px)
+    length = measured.length_px
+    judge_error = measured.error_px
+    from_edge_px = edge_distance_px(rig, rows)
+    within, beyond = judged(measured, rows, math.inf if claim_px is None else claim_px)
     document = {
         "claim_px": claim_px,
         "rows": len(length),
-        "of": of,
+        "of": table_rows,
         "kind": "direct" if rows.is_direct else "position images",
         "within_claim": None if claim_px is None else int(np.sum(within)),
         "beyond_claim": None if claim_px is None else int(np.sum(beyond)),
@@ -243,45 +261,48 @@ def certify(rig: Rig, rows: Rows, of: int, claim_px: float | None) -> Json:
                 **_figures(length[selected]),
             }
             for low, high in itertools.pairwise((*_BINS_PX, math.inf))
-            for selected in [(away_px >= low) & (away_px < high)]
+            for selected in [(from_edge_px >= low) & (from_edge_px < high)]
         ],
     }
-    if not of:
+    if not table_rows:
         return {**document, "passed": None, "reason": NOTHING}
     if claim_px is None:
         return {**document, "passed": None, "reason": "the method makes no claim"}
-    passed, reason = verdict(found, rows, claim_px)
+    passed, reason = verdict(measured, rows, claim_px)
     return {**document, "passed": passed, "reason": reason}
 
 
-def judged(found: Differences, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
+def judged(measured: Differences, rows: Rows, claim_px: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows shown to lie within their claim, and rows shown to lie beyond, (n,) bool each; the rest is undecided."""
-    within = (found.chance(claim_px) > _SUSPECT) & found.is_decisive(claim_px)
-    return within, found.chance((1 if rows.is_direct else WORST) * claim_px) * len(within) < FALSE_ALARM / 2
+    within = (measured.chance(claim_px) > _SUSPECT) & measured.is_decisive(claim_px)
+    # With n rows a single one may be refuted by chance n times as often (Bonferroni).
+    limit_px = (1 if rows.is_direct else WORST) * claim_px
+    beyond = measured.chance(limit_px) * len(within) < FALSE_ALARM / 2
+    return within, beyond
 
 
-def verdict(found: Differences, rows: Rows, claim_px: float) -> tuple[bool | None, str | None]:
+def verdict(measured: Differences, rows: Rows, claim_px: float) -> tuple[bool | None, str | None]:
     """Whether a sample keeps a claim, and the reason if not; None if the judge's own error leaves it undecided."""
-    length = found.length_px
+    length = measured.length_px
     n = len(rows.cell)
     if not n:
         return None, NOTHING
     if not np.isfinite(length).all():
         return False, f"{int(np.sum(~np.isfinite(length)))} rows have no light where the table puts them"
-    within, beyond = judged(found, rows, claim_px)
+    within, beyond = judged(measured, rows, claim_px)
     if beyond.any():
         return (
             False,
             f"{int(beyond.sum())} of {n} rows lie beyond the claim, the worst by {length[beyond].max():.1e} px",
         )
-    # Some right rows seem to be wrong by chance, and some of position images are.
-    over = int(np.sum(found.chance(claim_px) < _CHANCE))
+    # Some right rows seem to be wrong by chance, and some of position images are. So a binomial test counts them.
+    over = int(np.sum(measured.chance(claim_px) < _CHANCE))
     if bdtrc(over - 1, n, _CHANCE + (0 if rows.is_direct else 1 - WITHIN)) < FALSE_ALARM / 2:
         return False, f"{over} of {n} rows seem to lie beyond the claim, too many for chance"
     share = float(np.mean(within))
     if share >= WITHIN:
         return True, None
-    own_px = rms(found.error_px)
+    own_px = rms(measured.error_px)
     return None, f"undecided: its own standard error is {own_px:.1e} px, {share:.0%} of the rows are known to be right"
 
 
@@ -292,17 +313,19 @@ def edge_distance_px(rig: Rig, rows: Rows) -> np.ndarray:
     border = size_px / 2 - np.abs(rows.x_px - (size_px - 1) / 2)
     if rig.images is None or len(rig.images.centre_mm) < 2:
         return border.min(axis=1)
+    # The edge of a cell is half-way between its own centre and that of the nearest other micro-image.
     centre = rig.images.centre_mm
     x = rig.tracer.positions_mm(*rows.x_px.T)
     nearest = rig.images.nearby.nearest(x, 2)[1]
-    other = np.where(nearest[:, 0] == rows.cell, nearest[:, 1], nearest[:, 0])
-    between = centre[other] - centre[rows.cell]
-    middle = (centre[other] + centre[rows.cell]) / 2
-    inward = np.einsum("ni,ni->n", middle - x, between) / np.linalg.norm(between, axis=1)
-    return np.minimum(inward / sensor.pitch_mm, border.min(axis=1))
+    neighbour = np.where(nearest[:, 0] == rows.cell, nearest[:, 1], nearest[:, 0])
+    towards = centre[neighbour] - centre[rows.cell]
+    middle = (centre[neighbour] + centre[rows.cell]) / 2
+    inside_mm = np.einsum("ni,ni->n", middle - x, towards) / np.linalg.norm(towards, axis=1)
+    return np.minimum(inside_mm / sensor.pitch_mm, border.min(axis=1))
 
 
 def _figures(length: np.ndarray) -> dict[str, float | None]:
+    """Mean, root mean square and largest of the lengths of differences; None without rows."""
     if not len(length):
         return {"mean_px": None, "rms_px": None, "max_px": None}
     return {"mean_px": _plain(length.mean()), "rms_px": _plain(rms(length)), "max_px": _plain(length.max())}

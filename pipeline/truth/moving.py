@@ -13,11 +13,11 @@ from pipeline.camera.rig import Rig
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth.direct.candidates import inverse
 from pipeline.truth.direct.direct_rows import guesses, solve
-from pipeline.truth.direct.newton import mean_hit
+from pipeline.truth.direct.residuals import mean_hit
 from pipeline.truth.planes import PlanePair, Planes, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions
 
-_TURNS = 4
+_ITERATIONS = 4
 """Most iterations for the time of a point [1]: each reduces the error of the time by the image's motion during the
 scan, a small factor."""
 _NEAR_LINES = 2.0
@@ -43,43 +43,50 @@ def solve_points(
     rig: Rig, planes: Planes, searched: slice, accuracy_px: float, min_hit_fraction: float
 ) -> Correspondences | None:
     """All rows of a slice of points; None if no point of the target faces the camera when it is exposed."""
-    own, rays = planes_at_own_times(rig, planes, searched)
-    if not faces_camera(own).any():
+    planes_at_times, rays_for_times = planes_at_own_times(rig, planes, searched)
+    if not faces_camera(planes_at_times).any():
         return None
-    planes_asked = np.zeros_like(own)
     # All other normals are 0: points that face neither to the camera nor away have no rows.
-    planes_asked[:, 0] = own[:, 0]
-    planes_asked[searched] = own[searched]
-    guess, more = guesses(rig, planes_asked)
+    searched_planes = np.zeros_like(planes_at_times)
+    searched_planes[:, 0] = planes_at_times[:, 0]
+    searched_planes[searched] = planes_at_times[searched]
+    guess, rays_for_guesses = guesses(rig, searched_planes)
     rows = solve(rig, guess, planes, accuracy_px, min_hit_fraction)
-    rows.counts["rays"] += rays + more
+    rows.counts["rays"] += rays_for_times + rays_for_guesses
     return rows
 
 
 def planes_at_own_times(rig: Rig, planes: Planes, searched: slice) -> tuple[np.ndarray, int]:
     """Planes of points (p, 4, 3) at approximately the exposure times of their lines, and the number of traced rays.
 
+    The time of a point is a fixed point: its plane at a time has an image, whose line is exposed at the next time.
     Points without a guess have the planes of the middle of the exposure.
     """
     first, end = planes.shutter.window_s(planes.size_px)
+    middle = (first + end) / 2
     points = np.arange(len(planes.of_points))
-    times = np.full(len(points), (first + end) / 2)
+    times = np.full(len(points), middle)
     rays = 0
-    looked = points[searched]
-    for turn in range(_TURNS if planes.moves and planes.shutter.line_by_px_s else 0):
-        asked = np.zeros((len(points), 4, 3))
-        asked[looked] = planes.at(looked, times[looked])
-        guess, more = guesses(rig, asked)
-        rays += more
+    sought = points[searched]
+    # Where no guess finds a point, it may enter the view later: try the first and the last time, then the middle.
+    times_without_guess = (first, end, middle, middle)
+    for iteration in range(_ITERATIONS if planes.moves and planes.shutter.line_by_px_s else 0):
+        # Guess the image positions of the points at their times; behind microlenses take their mean.
+        sought_planes = np.zeros((len(points), 4, 3))
+        sought_planes[sought] = planes.at(sought, times[sought])
+        guess, traced_rays = guesses(rig, sought_planes)
+        rays += traced_rays
         count = np.bincount(guess.point, minlength=len(points))
         sums = [np.bincount(guess.point, axis, minlength=len(points)) for axis in guess.x_px.T]
         x_px = np.stack(sums, axis=1) / np.maximum(count, 1)[:, None]
-        is_seen = count > 0
+        # Take the times at which the lines at these positions are exposed.
+        has_guess = count > 0
+        without_guess = sought[~has_guess[sought]]
         before = times.copy()
-        unseen = looked[~is_seen[looked]]
-        times[is_seen] = np.clip(planes.middle_s(x_px[is_seen]), first, end)
-        times[unseen] = (first, end, (first + end) / 2, (first + end) / 2)[turn]
-        if np.abs(times - before)[is_seen].max(initial=0.0) < _NEAR_LINES * planes.shutter.line_s and not len(unseen):
+        times[has_guess] = np.clip(planes.middle_s(x_px[has_guess]), first, end)
+        times[without_guess] = times_without_guess[iteration]
+        change = np.abs(times - before)[has_guess].max(initial=0.0)
+        if change < _NEAR_LINES * planes.shutter.line_s and not len(without_guess):
             break
     return planes.at(points, times), rays
 
@@ -92,14 +99,14 @@ def time_of_rows(rig: Rig, planes: Planes, solutions: Solutions) -> TimeOfRows:
     if not planes.moves:
         return TimeOfRows(middle, np.zeros((len(x_px), 2, 2)), np.ones(len(x_px), np.int64))
     half = max(shutter.exposure_s, shutter.line_s, _APART_S) / 2
-    times = (middle - half, middle + half)
     microlens = rig.microlens(solutions.cell)
 
-    first, end = (
-        mean_hit(integrals(rig.tracer, Bundles(x_px, microlens, on.both, rig.square_px), 0).moments)
-        for on in (PlanePair.twice(planes.at(solutions.point, at)) for at in times)
-    )
-    hits_mm_per_s = (end - first) / (2 * half)
+    def hits_mm(times_s: np.ndarray) -> np.ndarray:
+        """Mean hits of the rows' bundles on the planes that their points have at these times, (n, 2)."""
+        pair = PlanePair.twice(planes.at(solutions.point, times_s))
+        return mean_hit(integrals(rig.tracer, Bundles(x_px, microlens, pair.both, rig.square_px), 0).moments)
+
+    hits_mm_per_s = (hits_mm(middle + half) - hits_mm(middle - half)) / (2 * half)
     # The derivative of J includes the scan: a point that moves at v in the image of an instant moves at v / (1 - v D)
     # in the scanned image, D the time from line to line.
     velocity_px_per_s = -np.einsum("nij,nj->ni", inverse(solutions.jacobian), hits_mm_per_s)

@@ -32,6 +32,7 @@ class PlanePair:
         return np.stack([self.near, self.far], axis=1)
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "PlanePair":
+        """The pairs of these bundles."""
         return PlanePair(self.near[rows], self.far[rows])
 
 
@@ -47,28 +48,34 @@ class Exposed:
 
     @staticmethod
     def still(planes: Float64[np.ndarray, "n 4 3"]) -> "Exposed":
+        """Planes of points that do not move."""
         return Exposed((PlanePair.twice(planes),), np.ones((len(planes), 1)))
 
     @property
     def first(self) -> PlanePair:
+        """The planes of the first stretch."""
         return self.stretches[0]
 
     def only(self, rows: Int64[np.ndarray, "m"] | slice) -> "Exposed":
+        """The planes of these bundles."""
         return Exposed(tuple(pair.only(rows) for pair in self.stretches), self.weights[rows])
 
     @staticmethod
     def joined(parts: Sequence["Exposed"]) -> "Exposed":
         """The planes of all parts; stretches that some rows lack have weight 0."""
-        most = max((len(part.stretches) for part in parts), default=1)
-        padded = [(*part.stretches, *[part.stretches[-1]] * (most - len(part.stretches))) for part in parts]
-        none = np.zeros((0, 4, 3))
-        weights = [np.zeros((0, most))]
-        weights += [np.pad(part.weights, ((0, 0), (0, most - part.weights.shape[1]))) for part in parts]
-        stretches = tuple(
-            PlanePair(*(np.concatenate([none, *(getattr(each[s], end) for each in padded)]) for end in ("near", "far")))
-            for s in range(most)
-        )
-        return Exposed(stretches, np.concatenate(weights))
+        # Repeat the last stretch of the parts with fewer of them.
+        count = max((len(part.stretches) for part in parts), default=1)
+        padded = [(*part.stretches, *[part.stretches[-1]] * (count - len(part.stretches))) for part in parts]
+        # Begin with arrays of no rows, so that no parts at all make planes without rows.
+        no_planes = np.zeros((0, 4, 3))
+        stretches = []
+        for number in range(count):
+            near = np.concatenate([no_planes, *(part[number].near for part in padded)])
+            far = np.concatenate([no_planes, *(part[number].far for part in padded)])
+            stretches.append(PlanePair(near, far))
+        weights = [np.zeros((0, count))]
+        weights += [np.pad(part.weights, ((0, 0), (0, count - part.weights.shape[1]))) for part in parts]
+        return Exposed(tuple(stretches), np.concatenate(weights))
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +121,18 @@ class Planes:
             return Exposed.still(self.of_points[point])
         middle = self.middle_s(x_px)
         exposure_s = self.shutter.exposure_s
-        first, end = middle - exposure_s / 2, middle + exposure_s / 2
-        bends = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
-        ends = np.sort(np.clip(bends, first[:, None], end[:, None]), axis=1)
-        edges = np.concatenate([first[:, None], ends, end[:, None]], axis=1)
+        first = middle - exposure_s / 2
+        end = middle + exposure_s / 2
+        # Cut the exposure of each position, (n,), at the kinks within any of them; a kink outside cuts at an end.
+        kinks = np.array([[time for time in self.motion.edges_s if ((first < time) & (time < end)).any()]])
+        cuts = np.sort(np.clip(kinks, first[:, None], end[:, None]), axis=1)
+        edges = np.concatenate([first[:, None], cuts, end[:, None]], axis=1)
+        # Take the planes at the two Gauss nodes of each stretch, and weigh it by its length.
         length = np.diff(edges, axis=1)
         middles = (edges[:, 1:] + edges[:, :-1]) / 2
-        half = _GAUSS * length
-        pairs = (
-            PlanePair(*(self.at(point, s) for s in each))
-            for each in zip((middles - half).T, (middles + half).T, strict=True)
-        )
-        return Exposed(tuple(pairs), length / exposure_s if ends.shape[1] else np.ones((len(x_px), 1)))
+        nodes = zip((middles - _GAUSS * length).T, (middles + _GAUSS * length).T, strict=True)
+        pairs = tuple(PlanePair(self.at(point, early), self.at(point, late)) for early, late in nodes)
+        return Exposed(pairs, length / exposure_s if cuts.shape[1] else np.ones((len(x_px), 1)))
 
 
 def tangent_planes(

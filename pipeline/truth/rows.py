@@ -77,8 +77,8 @@ class Correspondences:
 _PER_ROW = ("sigma_px", "hit_fraction", "blur_px2", "rho_px")
 
 
-class Whereabouts(Protocol):
-    """An image and its cells: a `camera.rig.Rig` or position images."""
+class ImageCells(Protocol):
+    """An image and the cells of its micro-images: a `camera.rig.Rig` or position images."""
 
     @property
     def axial(self) -> np.ndarray:
@@ -92,7 +92,7 @@ class Whereabouts(Protocol):
 
 
 def existing_indices(
-    image: Whereabouts,
+    image: ImageCells,
     x_px: Float64[np.ndarray, "n 2"],
     cell: Int64[np.ndarray, "n"],
     is_lit: Callable[[np.ndarray], np.ndarray],
@@ -115,10 +115,10 @@ def existing_indices(
     return rows, counts
 
 
-def existing(rows: Correspondences, image: Whereabouts, min_hit_fraction: float) -> Correspondences:
+def existing(rows: Correspondences, image: ImageCells, min_hit_fraction: float) -> Correspondences:
     """The rows that exist, sorted by point, l, k; the rest is counted by reason."""
     solutions = rows.solutions
     is_lit = rows.hit_fraction >= min_hit_fraction
-    kept, dropped = existing_indices(image, solutions.xy_px, solutions.cell, lambda kept: is_lit[kept])
+    kept, dropped = existing_indices(image, solutions.xy_px, solutions.cell, lambda inside: is_lit[inside])
     counts = {**rows.counts, **dropped, "rows": len(kept)}
     return dataclasses.replace(rows.only(kept), counts=counts).sorted_by(image.axial)

@@ -68,6 +68,6 @@ class TruthSettings:
         return replace(rest, min_hit_fraction=self.min_hit_fraction, accuracy_px=self.accuracy_px, columns=self.columns)
 
 
-def rows_of_build(of: int) -> int:
-    """Number of rows that the certificate of a build solves again, of `of` rows in its tables."""
-    return min(ROWS, max(_FEWEST, of // _ONE_IN))
+def rows_of_build(table_rows: int) -> int:
+    """Number of rows that the certificate of a build solves again, out of those in its tables."""
+    return min(ROWS, max(_FEWEST, table_rows // _ONE_IN))

@@ -38,6 +38,7 @@ class PointBundles(NamedTuple):
     planes: np.ndarray
 
     def only(self, rows: np.ndarray) -> "PointBundles":
+        """The bundles of these rows."""
         return PointBundles(*(part[rows] for part in self))
 
 
@@ -67,14 +68,19 @@ def visibility(
     """
     share = np.ones(len(x_px))
     error = np.zeros(len(x_px))
+    leaving_rays = np.zeros(len(x_px), np.int64)
     bundles = PointBundles(microlens, x_px, planes)
     rows = np.flatnonzero(surroundings.may_hide(planes[:, 0], planes[:, 3]))
-    count = np.zeros(len(x_px), np.int64)
     for rays in LEVELS:
-        each = max(1, _RAYS_PER_CHUNK // rays)
-        for batch in (rows[first : first + each] for first in range(0, len(rows), each)):
-            share[batch], error[batch], count[batch] = shares(rig, surroundings, target, bundles.only(batch), rays)
-        rows = rows[(count[rows] < LEAVING) | (rays < RAYS) & (share[rows] > 0) & (share[rows] < 1)]
+        # Trace this many rays of each row, batch by batch.
+        rows_at_once = max(1, _RAYS_PER_CHUNK // rays)
+        for first in range(0, len(rows), rows_at_once):
+            batch = rows[first : first + rows_at_once]
+            measured = shares(rig, surroundings, target, bundles.only(batch), rays)
+            share[batch], error[batch], leaving_rays[batch] = measured
+        # Go on with rows of too few leaving rays, and up to `RAYS` with partly hidden ones.
+        is_partly_hidden = (share[rows] > 0) & (share[rows] < 1)
+        rows = rows[(leaving_rays[rows] < LEAVING) | (rays < RAYS) & is_partly_hidden]
     return share, error
 
 
@@ -85,31 +91,38 @@ def shares(
 
     Fewer rays are the first ones of more.
     """
+    # Sum the weights of the rays that leave and of those that arrive, for each row and replica.
     leaving, arriving = np.zeros((2, len(bundles.x_px), REPLICAS))
     count = np.zeros(len(bundles.x_px), np.int64)
     for light in rig.tracer.lights:
-        sent = _sent(light.tracer, rig.square_px, bundles, rays)
-        row = sent.owner // REPLICAS
+        random_rays = _random_rays(light.tracer, rig.square_px, bundles, rays)
+        owner = random_rays.owner
+        row = owner // REPLICAS
         count += np.bincount(row, minlength=len(count))
         planes = bundles.planes[row]
-        hidden = surroundings.hides(target, planes[:, 0], planes[:, 3], sent.origin, sent.direction)
-        leaving += light.share * np.bincount(sent.owner, sent.share, leaving.size).reshape(leaving.shape)
-        arriving += light.share * np.bincount(sent.owner, sent.share * ~hidden, leaving.size).reshape(leaving.shape)
+        hidden = surroundings.hides(target, planes[:, 0], planes[:, 3], random_rays.origin, random_rays.direction)
+        weight = random_rays.share
+        leaving += light.share * np.bincount(owner, weight, leaving.size).reshape(leaving.shape)
+        arriving += light.share * np.bincount(owner, weight * ~hidden, leaving.size).reshape(leaving.shape)
+    # The spread of the replicas is the standard error.
     with np.errstate(invalid="ignore"):
         share = arriving.sum(axis=1) / leaving.sum(axis=1)
         error = np.std(arriving / leaving, axis=1, ddof=1) / np.sqrt(REPLICAS)
     return share, error, count
 
 
-def _sent(tracer: Tracer, square_px: float, bundles: PointBundles, rays: int) -> Leaving:
-    """Random rays of bundles; the strata are replicas instead of microlenses."""
+def _random_rays(tracer: Tracer, square_px: float, bundles: PointBundles, rays: int) -> Leaving:
+    """`rays` random rays of each bundle that leave the camera; the strata are replicas instead of microlenses.
+
+    The owner of a ray is its bundle times REPLICAS, plus its replica.
+    """
     strata = np.repeat(bundles.microlens[:, None], REPLICAS, axis=1)
     bits = sobol_bits(rays // REPLICAS)
     samples = Samples(bits, tracer.seed ^ _STREAM, square_px * tracer.camera.sensor.pitch_mm)
     x_px = bundles.x_px
     counts = np.full_like(strata, rays // REPLICAS)
     squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts, 0 * counts)
-    room = room_for(len(x_px) * rays)
-    count = bundle_kernels.image_rays(tracer.arrays, samples, squares, no_diffraction(), room)
+    leaving = room_for(len(x_px) * rays)
+    count = bundle_kernels.image_rays(tracer.arrays, samples, squares, no_diffraction(), leaving)
     bundle_kernels.image_rays.count(len(x_px) * rays, len(tracer.table))
-    return room.first(count)
+    return leaving.first(count)

@@ -12,7 +12,7 @@ from builds import cells
 from laws import rigs
 from tolerances import ROUNDING_MM, SIGMAS
 
-from pipeline.camera.integrating.quadrature import single_hits
+from pipeline.camera.integrating.polar_hits import single_hits
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes, target_plane
 from pipeline.camera.tracing.moments import COVARIANCE, FREE_WEIGHT, WEIGHT

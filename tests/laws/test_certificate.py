@@ -65,7 +65,7 @@ def test_the_error_that_a_judge_by_random_rays_states_is_the_one_it_makes(monkey
         judge = judging._RandomRays(replace(rig, tracer=Tracer(rig.tracer.camera, seed)), rows)
         judge.approach(6e-3)
         first.append((judge.apart_px / judge.sigma_px).copy())
-        judge.ask_again(6e-3)
+        judge.judge_doubtful_again(6e-3)
         again.append((judge.apart_px / judge.sigma_px)[judge.freedom == 18])
     first, again = np.concatenate(first), np.concatenate(again)
     assert len(again) > 0.8 * len(first)
@@ -190,8 +190,8 @@ def synthetic(true_px: np.ndarray, seed: int, blunt_px: float) -> tuple[bool | N
     rows = Rows(Exposed.still(np.zeros((n, 4, 3))), np.zeros(n, int), np.zeros((n, 2)), True)
     judge = Synthetic(true_px[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), rows, seed, blunt_px)
     judge.approach(1.0)
-    judge.ask_again(1.0)
-    return verdict(judge.found, rows, 1.0)[0], judge.found
+    judge.judge_doubtful_again(1.0)
+    return verdict(judge.differences, rows, 1.0)[0], judge.differences
 
 
 @pytest.mark.parametrize(("rows", "blunt_px"), few_cases([(16, 30.0)], (135, 1.0), (16, 1.0), (135, 30.0), (45, 300.0)))

@@ -17,7 +17,8 @@ from naive import slow_microlens
 from tolerances import MEAN_SHARE, SAMPLED_SHARE, SIGMAS
 
 from pipeline.camera.integrals import NODES, Bundles, integrals
-from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, Polar, bundle_hits, edges
+from pipeline.camera.integrating.polar_hits import Polar, bundle_hits
+from pipeline.camera.integrating.quadrature import NOT_STAR_SHAPED, edges
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes

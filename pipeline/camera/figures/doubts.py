@@ -69,20 +69,22 @@ def pixel_doubts(sensor: Sensor) -> Iterator[Doubt]:
 
 
 def _stop(camera: Camera) -> Iterator[Doubt]:
+    """Warn of a stop so wide that other surfaces limit the light."""
     lens = first_order(camera.prescription)
-    wide = 2 * camera.prescription.stop.semi_diameter_mm
-    ahead = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
-    widest = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead)
-    if wide > _TOO_WIDE * widest:
+    stop_mm = 2 * camera.prescription.stop.semi_diameter_mm
+    ahead_mm = camera.microlenses.principal_mm[0][1] if camera.microlenses else 0.0
+    widest_mm = widest_stop_mm(camera.prescription, camera.sensor_distance_mm - ahead_mm)
+    if stop_mm > _TOO_WIDE * widest_mm:
         message = (
-            f"the stop is {wide:.4g} mm wide, F/{lens.f_number:.3g}, and the lens around it lets through"
-            f" {widest:.4g} mm, F/{lens.f_number * wide / widest:.3g}"
+            f"the stop is {stop_mm:.4g} mm wide, F/{lens.f_number:.3g}, and the lens around it lets through"
+            f" {widest_mm:.4g} mm, F/{lens.f_number * stop_mm / widest_mm:.3g}"
         )
         hint = "edges of other surfaces cut the light before the stop does: is plen:semiDiameter half of its diameter?"
         yield Doubt("wide-stop", "stop", message, hint)
 
 
 def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
+    """Warn of microlenses whose pitch, focal length, extent or micro-images do not suit the sensor."""
     lens = first_order(camera.prescription)
     width, height = camera.sensor.size_mm
     behind, ahead = array.principal_mm[0]
@@ -98,16 +100,19 @@ def _microlenses(camera: Camera, array: MicrolensArray) -> Iterator[Doubt]:
         )
         yield Doubt("weak-microlens", "focal_lengths", message, "lengths are millimetres: 900 µm are 0.9")
     yield from _dark_sides(camera.sensor, array, 1 + array.distance_mm / to_array)
-    wide = lens.exit_pupil.diameter_mm * behind / to_array
-    apart = array.nearest_mm * (1 + behind / to_array)
+    # Width and distance of micro-images, by similar triangles from the exit pupil through microlens vertices.
+    width_mm = lens.exit_pupil.diameter_mm * behind / to_array
+    distance_mm = array.nearest_mm * (1 + behind / to_array)
     for code, applies, effect, remedy in (
-        ("overlap", wide > _OVERLAP * apart, "they overlap", "stop down"),
-        ("gaps", wide < _GAPS * apart, "dark gaps lie between them", "open the stop"),
+        ("overlap", width_mm > _OVERLAP * distance_mm, "they overlap", "stop down"),
+        ("gaps", width_mm < _GAPS * distance_mm, "dark gaps lie between them", "open the stop"),
     ):
         if applies:
             pitch = camera.sensor.pitch_mm
             stop = matched_stop_mm(lens, array, camera.sensor_distance_mm)
-            message = f"micro-images are {wide / pitch:.4g} px wide and {apart / pitch:.4g} px apart: {effect}"
+            message = (
+                f"micro-images are {width_mm / pitch:.4g} px wide and {distance_mm / pitch:.4g} px apart: {effect}"
+            )
             hint = f'a stop of {stop:.4g} mm matches: write plen:camera:stopMatch = "microlenses", or {remedy}'
             yield Doubt(code, "camera", message, hint)
 
@@ -137,13 +142,14 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
     """Check that light reaches the farthest corner of the sensor, and chief rays everything that is traced."""
     tracer = Tracer(camera)
     corner = camera.sensor.farthest_corner_mm
-    far = math.hypot(*corner)
+    corner_mm = math.hypot(*corner)
     is_wide = pupil_fan(camera.prescription).is_wide
     expected = corner * (_CIRCULAR if is_wide else 1)
-    if not math.isfinite(far) or (_is_lit(tracer, expected) and not camera.microlenses):
+    if not math.isfinite(corner_mm) or (_is_lit(tracer, expected) and not camera.microlenses):
         return
+    # A chief ray must exist for the farthest corner, or the farthest microlens.
     farthest = "the farthest corner"
-    traced_mm = far
+    traced_mm = corner_mm
     if camera.microlenses:
         farthest = "the farthest microlens"
         traced_mm = float(np.hypot(*tracer.vertices_mm.T).max(initial=0.0))
@@ -154,11 +160,13 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
                 f"no ray from {traced_mm:.4g} mm off the axis, {farthest}, reaches the centre of the aperture stop",
                 hint=TOO_WIDE,
             )
+    # Search for the rim of the light on the line from the axis to a dark corner.
     if not _is_lit(tracer, expected):
         lit, _ = halved(
             lambda share: np.array([_is_lit(tracer, share[0] * corner)]), np.zeros(1), np.ones(1), _HALVINGS
         )
-        message = f"a corner lies {far:.4g} mm off the axis, and no light comes farther out than {lit[0] * far:.4g} mm"
+        rim_mm = lit[0] * corner_mm
+        message = f"a corner lies {corner_mm:.4g} mm off the axis, and no light comes farther out than {rim_mm:.4g} mm"
         message = message if lit[0] > 0 else "no light comes to the middle of the sensor"
         hint = "the image circle of the lens is smaller than the sensor: take a smaller sensor, or another lens"
         part = "image"
@@ -170,24 +178,29 @@ def _image_circle(camera: Camera) -> Iterator[Doubt]:
 
 def _is_lit(tracer: Tracer, point_mm: np.ndarray) -> bool:
     """Whether any ray from a point of the film leaves the lens."""
-    table, opened = tracer.table, tracer.table.copy()
+    # Aim at a grid over the rear surface. The stop may be narrower than a mesh: refine the grid about the ray that
+    # passes all other surfaces and comes nearest to the centre of the stop.
+    table = tracer.table
+    without_stop = table.copy()
+    without_stop[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     grid = front_grid(table, GRID)
-    opened[tracer.stop_row] = unbounded(table[tracer.stop_row :][:1])[0]
     start = np.array([*point_mm, tracer.film_z_mm])
-    for _ in range(_ZOOMS):  # the stop may be narrower than a mesh: refine about the ray nearest to its centre
-        starts, direction = np.tile(start, (len(grid), 1)), _unit(grid - start)
-        if traced(table, starts, direction)[2].any():
+    for _ in range(_ZOOMS):
+        starts = np.tile(start, (len(grid), 1))
+        direction = _unit(grid - start)
+        if traced(table, starts, direction).passes.any():
             return True
-        passed = traced(opened, starts, direction)[2]
-        if not passed.any():
+        passes = traced(without_stop, starts, direction).passes
+        if not passes.any():
             return False
-        on_stop = traced(opened[: tracer.stop_row + 1], starts[passed], direction[passed])[0]
-        away = np.hypot(*apply(inverse(motion_of(table[tracer.stop_row])), on_stop)[:, :2].T)
-        middle = grid[passed][np.argmin(away)]
+        on_stop = traced(without_stop[: tracer.stop_row + 1], starts[passes], direction[passes]).position
+        from_centre = np.hypot(*apply(inverse(motion_of(table[tracer.stop_row])), on_stop)[:, :2].T)
+        middle = grid[passes][np.argmin(from_centre)]
         grid = middle + (grid - grid.mean(axis=0)) * (4 / GRID)
     return False
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (n, 3) at length 1."""
     unit: np.ndarray = vectors / np.sqrt(dot(vectors, vectors))[:, None]
     return unit

@@ -81,15 +81,15 @@ class Sightings:
     def residuals(self, p: Shaped[np.ndarray, "13"]) -> np.ndarray:
         """Image of the points in a pinhole minus their positions, (n, 2) [px]; analytic in `p`."""
         coefficients = np.concatenate([p[list(BROWN)], _NO_MORE, p[list(TILT)]])
-        ahead = self.points_mm - p[list(CENTRE)]
-        x, y = distorted(coefficients, *(ahead[:, :2] / ahead[:, 2:]).T)
+        from_centre = self.points_mm - p[list(CENTRE)]
+        x, y = distorted(coefficients, *(from_centre[:, :2] / from_centre[:, 2:]).T)
         return np.asarray(p[F] * np.stack([x, y], axis=1) + p[list(POINT)] - self.x_px)
 
     def slopes(self, p: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
         """Jacobian of the residuals by the parameters in `free`, (2 n, free), by complex steps."""
-        tilted = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
+        stepped = p + IMAGINARY * 1j * np.eye(len(p))[list(free)]
         with np.errstate(over="ignore", invalid="ignore"):  # a fit that runs away ends as NaN
-            derivatives = np.array([self.residuals(row).imag.ravel() for row in tilted]) / IMAGINARY
+            derivatives = np.array([self.residuals(row).imag.ravel() for row in stepped]) / IMAGINARY
         return derivatives.reshape(len(free), self.x_px.size).T
 
     def fitted(self, start: Float64[np.ndarray, "13"], free: tuple[int, ...]) -> np.ndarray:
@@ -98,6 +98,7 @@ class Sightings:
         if self.rms_px(p) < NOTHING_LEFT_PX:
             return p
         for _ in range(STEPS):
+            # Scale the parameters so that each moves the image equally.
             jacobian = self.slopes(p, free)
             with np.errstate(over="ignore", invalid="ignore"):
                 scale = np.linalg.norm(jacobian, axis=0)
@@ -124,7 +125,8 @@ class Sightings:
     def projection(self, p: Float64[np.ndarray, "13"]) -> Projection:
         """The projection of these parameters, with its residuals."""
         x, y = p[list(POINT)].tolist()
-        brown, tau = p[list(BROWN)].tolist(), p[list(TILT)].tolist()
+        brown = p[list(BROWN)].tolist()
+        tau = p[list(TILT)].tolist()
         return Projection(
             principal_distance_px=float(p[F]),
             principal_point_px=(x, y),
@@ -162,29 +164,33 @@ def pinhole(camera: Camera) -> Pinhole | None:
         rays, lit_share = _mean_rays(tracer, (camera.near_mm, camera.far_mm))
     except CameraError:
         return None  # no chief ray from its corners
-    centred = camera.prescription.is_centred
-    free = (F, CENTRE[2]) if centred else (F, *CENTRE, *POINT, *TANGENTIAL)
+    # Choose the parameters to fit by the symmetry of the lens.
+    is_centred = camera.prescription.is_centred
+    free = (F, CENTRE[2]) if is_centred else (F, *CENTRE, *POINT, *TANGENTIAL)
     if any(camera.sensor.tilt_deg):
         free = (*free, *TILT)
     if len(rays.x_px) <= 2 * len(free):
         return None
-    bent = rays.fitted(_paraxial(camera), free)
+    # Fit with distortion, then, at the same centre, without.
+    with_distortion = rays.fitted(_paraxial(camera), free)
     if not camera.prescription.ideal:
-        bent = rays.with_radial(bent, free)
-    bare = bent.copy()
-    bare[[*BROWN, *TILT]] = 0.0
-    plain = bare if (bare == bent).all() else rays.fitted(bare, (F,) if camera.is_centred else (F, *POINT))
-    if not (np.isfinite([bent, plain]).all() and min(bent[F], plain[F]) > 0):
+        with_distortion = rays.with_radial(with_distortion, free)
+    plain = with_distortion.copy()
+    plain[[*BROWN, *TILT]] = 0.0
+    if not (plain == with_distortion).all():
+        plain = rays.fitted(plain, (F,) if camera.is_centred else (F, *POINT))
+    # Reject fits that represent no camera.
+    if not (np.isfinite([with_distortion, plain]).all() and min(with_distortion[F], plain[F]) > 0):
         return None
-    if is_absurd(rays.projection(bent).max_px, camera.sensor.size_px):
+    if is_absurd(rays.projection(with_distortion).max_px, camera.sensor.size_px):
         return None
-    x, y, z = (bent[list(CENTRE)] + 0.0).tolist()
+    x, y, z = (with_distortion[list(CENTRE)] + 0.0).tolist()
     return Pinhole(
         centre_mm=(x, y, z),
         planes_mm=(camera.near_mm, camera.far_mm),
         lit_share=lit_share,
         plain=rays.projection(plain),
-        distorted=rays.projection(bent),
+        distorted=rays.projection(with_distortion),
     )
 
 

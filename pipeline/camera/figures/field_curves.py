@@ -21,7 +21,7 @@ from pipeline.records.shapes import Float64
 
 _SAMPLES = 1 << 14
 """Random rays per height: right to about 1e-4 of their integral, finer than a curve shows."""
-_PLACES = 25
+_POSITIONS = 25
 """Positions from the axis to the end of a field of view: if the last has no chief ray, the error is one interval,
 1/24."""
 _NEWTON_STEPS = 6
@@ -67,14 +67,15 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     """
     sensor = dataclasses.replace(camera.sensor, tilt_deg=(0.0, 0.0))  # the curves are those of the lens
     tracer = Tracer(dataclasses.replace(camera, sensor=sensor, microlenses=None))
-    centred = camera.prescription.is_centred
+    # Lay out positions on the line from the image of the axis to the corner, as far as light reaches.
+    is_centred = camera.prescription.is_centred
     corner = sensor.farthest_corner_mm
-    end = np.array([math.hypot(*corner), 0.0]) if centred else corner
-    start = np.zeros(2) if centred else _image_of_the_axis(tracer, object_mm)
+    end = np.array([math.hypot(*corner), 0.0]) if is_centred else corner
+    start = np.zeros(2) if is_centred else _image_of_the_axis(tracer, object_mm)
     reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([start, end])))
     positions = start + np.linspace(0.0, reach, rows)[:, None] * (end - start)
     heights = np.hypot(*(positions - start).T)
-    if not centred or reach < 1:
+    if not is_centred or reach < 1:
         # Bounds of rays are found for all of a sensor: one about the axis that reaches as far and no farther.
         width, height = (2 * math.ceil(extent / sensor.pitch_mm + 1) for extent in np.abs(positions).max(axis=0))
         covering = Sensor(width_px=width, height_px=height, pitch_mm=sensor.pitch_mm)
@@ -84,8 +85,8 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
     angle = np.arctan2(np.hypot(*direction[:, :2].T), direction[:, 2])
     lens = first_order(camera.prescription)
     principal_mm = lens.principal_distance_mm(camera.sensor_distance_mm)
-    ahead = object_mm - lens.entrance_pupil.z_mm
-    tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / ahead
+    from_pupil_mm = object_mm - lens.entrance_pupil.z_mm
+    tangent = np.hypot(*crossing.T) if math.isinf(object_mm) else np.hypot(*crossing.T) / from_pupil_mm
     ratio = np.divide(heights, principal_mm * tangent, out=np.ones_like(heights), where=heights > 0)
     ratio[angle >= math.pi / 2] = np.nan
     # Illumination, from complete bundles.
@@ -93,7 +94,7 @@ def field_curves(camera: Camera, object_mm: float, rows: int = 11) -> FieldCurve
         positions, np.full(rows, NO_MICROLENS), parallel_planes(1.0, 2.0), _SAMPLES, np.zeros((rows, 2), np.int64)
     )[:, WEIGHT]
     x, y = -start / sensor.pitch_mm + 0.0
-    boresight = None if centred else (float(x), float(y))
+    boresight = None if is_centred else (float(x), float(y))
     if not weight[0] > 0:
         raise CameraError("no light passes the lens from the middle of the image", hint="is the stop too small?")
     illumination = weight / weight[0]
@@ -109,19 +110,22 @@ def field_of_view_deg(camera: Camera) -> list[float]:
     """
     tracer = Tracer(dataclasses.replace(camera, microlenses=None))
     sensor = camera.sensor
-    middle, half = np.array([sensor.offset_x_mm, sensor.offset_y_mm]), np.array(sensor.size_mm) / 2
+    middle = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
+    half = np.array(sensor.size_mm) / 2
     angles = []
-    for end in (half * [1.0, 0.0], half * [0.0, 1.0], half):
-        foot = middle - np.clip(middle @ end / (end @ end), -1, 1) * end
+    for half_line in (half * [1.0, 0.0], half * [0.0, 1.0], half):
+        # The foot of the axis on the line, or the end of the line nearest to it.
+        foot = middle - np.clip(middle @ half_line / (half_line @ half_line), -1, 1) * half_line
         angle = 0.0
-        for tip in (middle - end, middle + end):
-            reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([foot, tip])))
-            directions = chief_directions(tracer, foot + reach * np.linspace(0, 1, _PLACES)[:, None] * (tip - foot))
+        for end in (middle - half_line, middle + half_line):
+            # Add the angle between the chief rays of the foot and of the last position that has light and a chief ray.
+            reach = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([foot, end])))
+            positions = foot + reach * np.linspace(0, 1, _POSITIONS)[:, None] * (end - foot)
+            directions = chief_directions(tracer, positions)
             directions = directions[np.isfinite(directions[:, 0])]
             if len(directions):
-                angle += math.atan2(
-                    np.linalg.norm(np.cross(directions[0], directions[-1])), directions[0] @ directions[-1]
-                )
+                sine = np.linalg.norm(np.cross(directions[0], directions[-1]))
+                angle += math.atan2(sine, directions[0] @ directions[-1])
         angles.append(math.degrees(angle))
     return angles
 
@@ -137,8 +141,9 @@ def _image_of_the_axis(tracer: Tracer, object_mm: float) -> np.ndarray:
     position = np.zeros(2)
     for _ in range(_NEWTON_STEPS):
         probes = position + _DIFFERENCE_MM * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        miss = _to_object(tracer, probes, object_mm)[1]
-        position = position - np.linalg.solve((miss[1:] - miss[0]).T / _DIFFERENCE_MM, miss[0])
+        from_axis = _to_object(tracer, probes, object_mm)[1]
+        jacobian = (from_axis[1:] - from_axis[0]).T / _DIFFERENCE_MM
+        position = position - np.linalg.solve(jacobian, from_axis[0])
     return position
 
 

@@ -80,6 +80,7 @@ def lens_report(prescription: Prescription) -> Json:
 
 
 def _pupil(pupil: Pupil) -> Json:
+    """Position and diameter of a pupil, infinite for one at infinity."""
     if pupil.is_infinite:
         return {"z_mm": math.copysign(math.inf, pupil.z_mm), "diameter_mm": math.inf}
     return {"z_mm": pupil.z_mm, "diameter_mm": pupil.diameter_mm}
@@ -97,6 +98,7 @@ def gaps_mm(ranges: list[tuple[float, float]]) -> list[list[float]]:
 
 
 def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
+    """The block `lens` of camera.json; `to_sensor` is the distance from the exit pupil to the sensor [mm]."""
     in_focus = lens.object_mm(-camera.sensor_distance_mm)
     array = camera.microlenses
     matched = matched_stop_mm(lens, array, camera.sensor_distance_mm) if array else None
@@ -123,16 +125,17 @@ def _windows(prescription: Prescription) -> Json:
     windows, lens = parted(prescription)
     if not windows:
         return {}
-    stated = []
+    surfaces = []
     for surface, z_mm, motion in placed(prescription):
-        moved = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
-        vectors = {"vertex_mm": apply(moved, np.array([0.0, 0.0, z_mm])), "axis": -moved[:3, 2]}
+        vision_from_centred = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
+        vertex_mm = apply(vision_from_centred, np.array([0.0, 0.0, z_mm]))
+        vectors = {"vertex_mm": vertex_mm, "axis": -vision_from_centred[:3, 2]}
         pose = {name: (vector + 0.0).tolist() for name, vector in vectors.items()}
-        stated.append({**pose, "radius_mm": surface.radius_mm, "index_behind": surface.index})
-    listed = [
-        {"name": group.name.removeprefix(MARK), "surfaces": [stated[i] for i in group.members]} for group in windows
+        surfaces.append({**pose, "radius_mm": surface.radius_mm, "index_behind": surface.index})
+    figures = [
+        {"name": group.name.removeprefix(MARK), "surfaces": [surfaces[i] for i in group.members]} for group in windows
     ]
-    return {"windows": listed, "pupil_behind_windows_mm": first_order(lens).entrance_pupil.z_mm}
+    return {"windows": figures, "pupil_behind_windows_mm": first_order(lens).entrance_pupil.z_mm}
 
 
 def focus_plane_tilt_deg(
@@ -154,6 +157,7 @@ def _magnification(lens: FirstOrder, object_mm: float) -> float:
 
 
 def _array(camera: Camera, array: MicrolensArray, lens: FirstOrder, focus_of_types: tuple[Focus, ...]) -> Json:
+    """The block `mla` of camera.json."""
     behind_mm, ahead_mm = array.principal_mm[0]
     to_array = lens.exit_pupil.z_mm + camera.sensor_distance_mm - ahead_mm
     scale = 1 + behind_mm / to_array

@@ -63,27 +63,31 @@ class Outlook:
 def outlook(camera: Camera, points_mm: Float64[np.ndarray, "n m 3"], front: Float64[np.ndarray, "k m 3"]) -> Outlook:
     """Determine the fate of points with surface normals `front`, both (poses, n, 3), vision frame."""
     lens = first_order(camera.prescription)
-    shape, points = points_mm.shape[:2], points_mm.reshape(-1, 3)
+    shape = points_mm.shape[:2]
+    points = points_mm.reshape(-1, 3)
     tracer = Tracer(camera)
     table = towards_sensor(camera.prescription)
+    # Aim at the paraxial entrance pupil; from the side, or where that fails, at the pupil as seen from the point; and
+    # from a few dark points all over the front surface.
     blur, lit, inside = _light(tracer, table, points, _fan(lens))
     pupil = pupil_fan(camera.prescription)
     steep = is_steep(camera.prescription, points)
-    aside = np.flatnonzero(steep | ~lit & pupil.in_field(points))
-    if len(aside):
-        aims = np.array([pupil.aims(point) for point in points[aside]]) * _FLIP
-        blur[aside], lit[aside], inside[aside] = _light(tracer, table, points[aside], aims, ahead=1.0)
+    oblique = np.flatnonzero(steep | ~lit & pupil.in_field(points))
+    if len(oblique):
+        aims = np.array([pupil.aims(point) for point in points[oblique]]) * _FLIP
+        blur[oblique], lit[oblique], inside[oblique] = _light(tracer, table, points[oblique], aims, is_towards=True)
     dark = _nearest_to_axis(points_mm, ~(lit | steep).reshape(shape))
     if len(dark):
         blur[dark], lit[dark], inside[dark] = _light(tracer, table, points[dark], front_grid(table, _WIDE))
     if array := camera.microlenses:
         blur, _ = behind_microlenses_px(camera, array, depths_mm(camera.prescription, points))
+    # Choose the fates, the decisive ones last.
     fate = np.where(inside, Fate.SEEN, Fate.OUTSIDE)
-    wide = np.flatnonzero(blur >= widest_blur_px(camera))
-    fate[wide] = Fate.BLURRED
+    blurred = np.flatnonzero(blur >= widest_blur_px(camera))
+    fate[blurred] = Fate.BLURRED
     if not camera.microlenses:  # far beside the field a lens blurs what is in focus, too
-        sharp, on_axis, _ = _light(tracer, table, points[wide] * (0.0, 0.0, 1.0), _fan(lens))
-        fate[wide[on_axis & (sharp < widest_blur_px(camera))]] = Fate.OUTSIDE
+        blur_on_axis, lit_on_axis, _ = _light(tracer, table, points[blurred] * (0.0, 0.0, 1.0), _fan(lens))
+        fate[blurred[lit_on_axis & (blur_on_axis < widest_blur_px(camera))]] = Fate.OUTSIDE
     fate[~lit] = Fate.NO_LIGHT
     fate[np.sum(points_mm * front, axis=-1).ravel() >= 0] = Fate.AWAY
     return Outlook(fate.reshape(shape), blur.reshape(shape))
@@ -106,17 +110,18 @@ def covered_mm(camera: Camera, z_mm: float) -> tuple[float, float]:
 def microlenses_lit(camera: Camera, array: MicrolensArray, z_mm: float) -> float:
     """Paraxial number of microlenses that may see a point at vision z; 0 where its light has no width."""
     lens = first_order(camera.prescription)
-    sensor, sensor_mm = camera.sensor, camera.sensor_distance_mm
+    sensor = camera.sensor
     try:
         image_mm = lens.image_mm(z_mm)
     except ZeroDivisionError:  # a point in the front focus
         return 0.0
     pupil = lens.exit_pupil
-    array_mm = array.distance_mm - sensor_mm
+    # The cone from the exit pupil to the image, cut by the array.
+    array_mm = array.distance_mm - camera.sensor_distance_mm
     light_mm = pupil.diameter_mm * abs((array_mm - image_mm) / (pupil.z_mm - image_mm))
-    across = light_mm / array.pitch_mm + _SLACK_PITCHES
-    most = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
-    return min(most, math.pi / 4 * across**2) if math.isfinite(across) else 0.0
+    width = light_mm / array.pitch_mm + _SLACK_PITCHES
+    before_sensor = sensor.width_px * sensor.height_px * (sensor.pitch_mm / array.pitch_mm) ** 2
+    return min(before_sensor, math.pi / 4 * width**2) if math.isfinite(width) else 0.0
 
 
 def widest_blur_px(camera: Camera) -> float:
@@ -130,7 +135,8 @@ def _fan(lens: FirstOrder) -> np.ndarray:
     """Points in and slightly beyond the entrance pupil, (rays, 3), in the frame of the light."""
     angle = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
     radius = np.outer(_RINGS, np.full(_SPOKES, lens.entrance_pupil.diameter_mm / 2)).ravel()
-    x, y = radius * np.tile(np.cos(angle), len(_RINGS)), radius * np.tile(np.sin(angle), len(_RINGS))
+    x = radius * np.tile(np.cos(angle), len(_RINGS))
+    y = radius * np.tile(np.sin(angle), len(_RINGS))
     aims = np.column_stack([x, y, np.full(len(x), -lens.entrance_pupil.z_mm)])
     return np.concatenate([[[0.0, 0.0, -lens.entrance_pupil.z_mm]], aims])
 
@@ -152,28 +158,33 @@ class _Light(NamedTuple):
 
 
 def _light(
-    tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray, ahead: float | None = None
+    tracer: Tracer, table: np.ndarray, points_mm: np.ndarray, aims: np.ndarray, *, is_towards: bool = False
 ) -> _Light:
     """The light of points through aims in front of the lens, shared (m, 3) or of each point (n, m, 3).
 
-    `ahead`: 1: from the points towards their aims; None: along +z.
+    `is_towards`: rays lead from the points towards their aims; else along +z, whichever of both lies ahead.
     """
+    # Trace the rays to the film. They start at their aims, which are exact however far the point is.
     aims = np.broadcast_to(aims, (len(points_mm), *aims.shape[-2:]))
-    near = aims.reshape(-1, 3).copy()  # also on the ray, and exact however far the point is
-    direction = near - np.repeat(points_mm * _FLIP, aims.shape[1], axis=0)
-    direction *= (ahead or np.sign(direction[:, 2:])) / np.linalg.norm(direction, axis=1, keepdims=True)
-    exit_point, direction, passed = traced(table, near, direction)
+    start = aims.reshape(-1, 3).copy()
+    direction = start - np.repeat(points_mm * _FLIP, aims.shape[1], axis=0)
+    sign = 1.0 if is_towards else np.sign(direction[:, 2:])
+    direction *= sign / np.linalg.norm(direction, axis=1, keepdims=True)
+    exit_point, direction, passes = traced(table, start, direction)
     film, slope = tracer.arrivals(exit_point * _FLIP, direction * _FLIP)
     array = tracer.camera.microlenses
     shape = aims.shape[:2]
     if array:
-        low, high = tracer.vertices_mm.min(axis=0) - array.pitch_mm, tracer.vertices_mm.max(axis=0) + array.pitch_mm
-        passed &= ((film >= low) & (film <= high)).all(axis=1)
+        low = tracer.vertices_mm.min(axis=0) - array.pitch_mm
+        high = tracer.vertices_mm.max(axis=0) + array.pitch_mm
+        passes &= ((film >= low) & (film <= high)).all(axis=1)
         film = film - array.distance_mm * slope  # through a microlens's vertex light goes straight on
+    # Measure the extent of each point's light.
     x = tracer.pixels_at(film).reshape(*shape, 2)
-    has_ray = passed.reshape(*shape, 1)
+    has_ray = passes.reshape(*shape, 1)
     lit: np.ndarray = has_ray.any(axis=(1, 2))  # type: ignore[assignment]
-    low, high = np.where(has_ray, x, np.inf).min(axis=1), np.where(has_ray, x, -np.inf).max(axis=1)
+    low = np.where(has_ray, x, np.inf).min(axis=1)
+    high = np.where(has_ray, x, -np.inf).max(axis=1)
     blur = np.where(lit, (high - low).max(axis=1), 0.0)
     if array:
         return _Light(blur, lit, (_is_in_image(tracer.camera, x, _SLACK_PX) & has_ray[..., 0]).any(axis=1))
@@ -182,6 +193,7 @@ def _light(
 
 
 def _is_in_image(camera: Camera, x_px: np.ndarray, slack_px: np.ndarray | float) -> np.ndarray:
+    """Whether positions (..., 2) lie in the image, or at most so far outside."""
     beyond_px = np.maximum(-0.5 - x_px, x_px - np.array(camera.sensor.size_px) + 0.5)
     return np.asarray((beyond_px < slack_px).all(axis=-1))
 
@@ -198,8 +210,8 @@ def behind_microlenses_px(
     behind_mm, ahead_mm = np.array(array.principal_mm).T[:, :, None]
     from_focus = z_mm - lens.front_focus_mm
     # a (z - F) for an image at distance a behind the array: finite even where that image lies at infinity.
-    reach = from_focus * (ahead_mm - camera.sensor_distance_mm - lens.rear_focus_mm) + lens.newton_mm2
-    relative = np.abs(1 - behind_mm / np.array(array.focal_lengths_mm)[:, None] - behind_mm * from_focus / reach)
+    image_mm2 = from_focus * (ahead_mm - camera.sensor_distance_mm - lens.rear_focus_mm) + lens.newton_mm2
+    relative = np.abs(1 - behind_mm / np.array(array.focal_lengths_mm)[:, None] - behind_mm * from_focus / image_mm2)
     sharpest = relative.argmin(axis=0), np.arange(len(z_mm))
-    size = np.abs(lens.index_in_front * lens.efl_mm * behind_mm / reach)
-    return relative[sharpest] * array.aperture_mm / pitch_mm, size[sharpest] / pitch_mm
+    magnification = np.abs(lens.index_in_front * lens.efl_mm * behind_mm / image_mm2)
+    return relative[sharpest] * array.aperture_mm / pitch_mm, magnification[sharpest] / pitch_mm

@@ -44,6 +44,8 @@ _SPOT = 1.2
 
 @dataclass(frozen=True, slots=True)
 class PointImage:
+    """Figures and curves of the image of one point, by diffraction and by geometry."""
+
     place: str  # in words
     x_px: Float64[np.ndarray, "2"]  # image position that the point has by geometry: the mean of its rays
     # Vision z of the point; inf: infinitely far
@@ -102,7 +104,8 @@ def point_images(
         positions_mm = {"as asked": rig.tracer.positions_mm(*at_px)}
     else:
         raise CameraError(f"({at_px[0]:g}, {at_px[1]:g}) px lies outside of the image")
-    foci, lattice = foci_on_sensor(focused or camera), rig.tracer.lattice
+    foci = foci_on_sensor(focused or camera)
+    lattice = rig.tracer.lattice
     images = []
     for name, position_mm in positions_mm.items():
         microlens = int(rig.microlens_at(position_mm[None])[0])
@@ -142,17 +145,21 @@ def _last_in_planes(tracer: Tracer, ends: np.ndarray, edge: str, share: float) -
 
 
 def _point_image(rig: Rig, name: str, view: View, wavelength_nm: float) -> PointImage:
+    """The image of the point of a view, which is named `name`."""
     front = wavefront(rig.tracer, view, wavelength_nm)
     pitch_mm = rig.tracer.camera.sensor.pitch_mm
-    radius_mm = 0.61 * front.wavelength_mm / front.numerical_aperture
-    length = float(np.hypot(*view.position_mm))
-    radial = view.position_mm / length if length > 0 and rig.images is None else np.array([1.0, 0.0])
+    airy_mm = 0.61 * front.wavelength_mm / front.numerical_aperture
+    # Directions of the curves: along the radius of the field and across it; behind microlenses x and y.
+    off_axis = float(np.hypot(*view.position_mm))
+    radial = view.position_mm / off_axis if off_axis > 0 and rig.images is None else np.array([1.0, 0.0])
     across = np.array([-radial[1], radial[0]])
+    # Frequencies up to the pixel's, or to the limit of the pupil, the width of its autocorrelation.
     limit = 2 * front.semi_axes[0, 0] / front.wavelength_mm
     per_mm = np.linspace(0, min(limit, 1 / pitch_mm), FREQUENCIES)
-    moved_mm = saddle_of_light(front, pitch_mm) - saddle_of_rays(front, pitch_mm)
-    reach_mm = float(np.hypot(*front.crossings_mm[front.share > 0].T).max())
-    half_mm = max(_RADII * radius_mm, _SPOT * reach_mm)
+    shift_mm = saddle_of_light(front, pitch_mm) - saddle_of_rays(front, pitch_mm)
+    # A picture that shows the rings of the Airy disc and all rays.
+    spot_mm = float(np.hypot(*front.crossings_mm[front.share > 0].T).max())
+    half_mm = max(_RADII * airy_mm, _SPOT * spot_mm)
     cells = np.linspace(half_mm, -half_mm, _CELLS)  # the image is the vision frame turned by 180 degrees
     light = intensity(front, cells, cells)
     return PointImage(
@@ -161,11 +168,11 @@ def _point_image(rig: Rig, name: str, view: View, wavelength_nm: float) -> Point
         object_mm=view.object_mm,
         wavelength_nm=wavelength_nm,
         numerical_aperture=front.numerical_aperture,
-        airy_radius_um=1e3 * radius_mm,
+        airy_radius_um=1e3 * airy_mm,
         rms_waves=front.error_waves[0],
         extent_waves=front.error_waves[1],
         strehl_ratio=strehl_ratio(front),
-        saddle_shift_px=-moved_mm / pitch_mm + 0.0,
+        saddle_shift_px=-shift_mm / pitch_mm + 0.0,
         per_mm=per_mm,
         tangential=np.abs(transfer(front, per_mm, radial)),
         sagittal=np.abs(transfer(front, per_mm, across)),

@@ -45,6 +45,7 @@ def view_of(camera: Camera) -> Camera:
     behind_mm, ahead_mm = array.principal_mm[0]
     pupil = first_order(camera.prescription).exit_pupil
     film_mm = camera.sensor_distance_mm - ahead_mm
+    # The part of the exit pupil that one pixel sees through the vertex of its microlens becomes the view's pupil.
     visible_mm = sensor.pitch_mm * (pupil.z_mm + film_mm) / behind_mm
     width, height = (max(1, round(size_mm / array.pitch_mm)) for size_mm in sensor.size_mm)
     coarse = replace(sensor, width_px=width, height_px=height, pitch_mm=array.pitch_mm)
@@ -78,11 +79,13 @@ def _sensor_focus(lens: FirstOrder, sensor_z: float, confusion_mm: float) -> Foc
     """Blur disc D_xp |s - i| / |i| for an image at distance i behind the exit pupil, the sensor at distance s."""
     # A pupil as narrow as the circle of confusion sees the front focus sharply, and a narrower one virtual images, too.
     pupil = lens.exit_pupil
-    wide = confusion_mm / lens.exit_pupil.diameter_mm
+    relative = confusion_mm / lens.exit_pupil.diameter_mm
     to_sensor = pupil.z_mm - sensor_z
-    near, far = lens.front_focus_mm, _object(lens, pupil.z_mm - to_sensor / (1 + wide))
-    if wide != 1:
-        near = (_object if wide < 1 else FirstOrder.object_mm)(lens, pupil.z_mm - to_sensor / (1 - wide))
+    # Blur is the circle of confusion for images at distances s / (1 - c / D) and s / (1 + c / D).
+    near = lens.front_focus_mm
+    far = _object(lens, pupil.z_mm - to_sensor / (1 + relative))
+    if relative != 1:
+        near = (_object if relative < 1 else FirstOrder.object_mm)(lens, pupil.z_mm - to_sensor / (1 - relative))
     return Focus(focus_distance_mm=_object(lens, sensor_z), depth_of_field_mm=(near, far))
 
 
@@ -91,7 +94,7 @@ def _microlens_focus(lens: FirstOrder, array_z: float, focal: float, behind: flo
     reciprocal = 1 - behind / focal
 
     def object_at(vergence: float) -> float:
-        # vergence is B / a; a main-lens image at infinity belongs to an object in the front focus.
+        """Object whose image by the main lens has the vergence B / a; an image at infinity is that of the focus."""
         if vergence == 0:
             return lens.front_focus_mm
         return _object(lens, array_z - behind / vergence)
@@ -124,7 +127,7 @@ def focused(camera: Camera | FocusRequest) -> Camera:
     choice affects conditioning only: results for a target depend on it only by the rounding of stored images.
     """
     camera = solved(camera)
-    each = foci(camera)
+    focus_of_types = foci(camera)
     middle = middle_focus(camera)
     if not math.isfinite(first_order(camera.prescription).efl_mm):
         raise CameraError("a lens without power focuses nothing")
@@ -132,14 +135,15 @@ def focused(camera: Camera | FocusRequest) -> Camera:
         return camera
     front = -camera.prescription.vertices_from_stop_mm[0]
     if not math.isfinite(middle) or middle <= front:
-        where = f"{middle:.3f} mm from the stop, inside the lens" if math.isfinite(middle) else "infinity or beyond"
+        distance = f"{middle:.3f} mm from the stop, inside the lens" if math.isfinite(middle) else "infinity or beyond"
         raise CameraError(
-            f"the camera is focused at {where}, so near and far planes cannot be derived",
+            f"the camera is focused at {distance}, so near and far planes cannot be derived",
             hint="author plen:camera:near and plen:camera:far",
         )
-    near = min(min(f.depth_of_field_mm[0] for f in each), (1 - _LEAST_SPAN) * middle)
-    far = max(max(f.depth_of_field_mm[1] for f in each), (1 + _LEAST_SPAN) * middle)
-    near, far = max(near, (front + middle) / 2), min(far, _FARTHEST * middle)
+    near = min(min(focus.depth_of_field_mm[0] for focus in focus_of_types), (1 - _LEAST_SPAN) * middle)
+    far = max(max(focus.depth_of_field_mm[1] for focus in focus_of_types), (1 + _LEAST_SPAN) * middle)
+    near = max(near, (front + middle) / 2)
+    far = min(far, _FARTHEST * middle)
     return replace(
         camera,
         near_mm=near if camera.near_mm is None else camera.near_mm,

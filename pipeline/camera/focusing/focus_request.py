@@ -48,13 +48,16 @@ def moved(prescription: Prescription, names: tuple[str, ...], shift_mm: float) -
 
 def travel_mm(prescription: Prescription, names: tuple[str, ...], film_mm: float) -> tuple[float, float]:
     """Least and greatest shift of groups before a plane (sensor or array) `film_mm` behind the stop."""
-    low = high = _LONGEST * abs(first_order(prescription).efl_mm)
+    forwards = backwards = _LONGEST * abs(first_order(prescription).efl_mm)
     for last, sign in _gaps(prescription, names):
         gap = least_gap_mm(*prescription.surfaces[last : last + 2])
-        low, high = (min(low, gap), high) if sign > 0 else (low, min(high, gap))
+        if sign > 0:
+            forwards = min(forwards, gap)
+        else:
+            backwards = min(backwards, gap)
     if _moving(prescription, names)[-1]:
-        high = min(high, film_mm - prescription.vertices_from_stop_mm[-1])
-    return -low, high
+        backwards = min(backwards, film_mm - prescription.vertices_from_stop_mm[-1])
+    return -forwards, backwards
 
 
 def shift_mm(
@@ -67,8 +70,10 @@ def shift_mm(
     low, high = travel_mm(prescription, names, film_mm)
 
     def miss(shift: float) -> float:
+        """Height of the paraxial ray in the image plane after a shift, which is 0 for a solution."""
         return _miss(moved(prescription, names, shift), object_mm, image_mm)
 
+    # Bracket solutions by changes of sign, and bisect.
     shifts = np.linspace(low, high, _STEPS + 1).tolist()
     misses = [miss(shift) for shift in shifts]
     brackets = [
@@ -82,6 +87,7 @@ def shift_mm(
 
 
 def _out_of_reach(moving: str, object_mm: float, near_mm: float, far_mm: float) -> CameraError:
+    """The error that no position of `moving` focuses an object; nearest and farthest distances that one does focus."""
     distance = f"{object_mm:g} mm from the stop" if math.isfinite(object_mm) else "infinity"
     reach = f"between {near_mm:.6g} and {far_mm:.6g} mm" if math.isfinite(far_mm) else f"beyond {near_mm:.6g} mm"
     hint = "within reach: " + ("no object at all" if math.isinf(near_mm) else f"distances {reach}")
@@ -100,6 +106,7 @@ def _gaps(prescription: Prescription, names: tuple[str, ...]) -> Iterator[tuple[
 
 
 def _moving(prescription: Prescription, names: tuple[str, ...]) -> list[bool]:
+    """Whether each surface moves with these groups; CameraError: there is no such group, or it holds the stop."""
     groups = {group.name: group for group in prescription.groups}
     for name in names:
         if name not in groups:
@@ -115,10 +122,11 @@ def _moving(prescription: Prescription, names: tuple[str, ...]) -> list[bool]:
 def _miss(lens: Prescription, object_mm: float, image_mm: float) -> float:
     """Height at the image plane of a paraxial ray from the axial object point; 0 if the two are conjugate."""
     vertices = lens.vertices_from_stop_mm
-    # Of unit height or slope, whichever is the smaller number: infinity is no special case.
-    before = object_mm + vertices[0]
     index = lens.index_in_front
-    heights, slope = paraxial_ray(lens.surfaces, *((1.0, index / before) if before else (0.0, 1.0)), index)
+    # Trace a ray of height 1 at the first vertex, also from infinity; from an object in the vertex one of slope 1.
+    to_vertex = object_mm + vertices[0]
+    height, slope = (1.0, index / to_vertex) if to_vertex else (0.0, 1.0)
+    heights, slope = paraxial_ray(lens.surfaces, height, slope, index)
     return heights[-1] + (image_mm - vertices[-1]) * slope
 
 
@@ -129,7 +137,10 @@ def _bisected(miss: Callable[[float], float], low: float, high: float) -> float:
         middle = (low + high) / 2
         if not low < middle < high:
             break
-        low, high = (middle, high) if (miss(middle) < 0) == (at_low < 0) and at_low != 0 else (low, middle)
+        if (miss(middle) < 0) == (at_low < 0) and at_low != 0:
+            low = middle
+        else:
+            high = middle
     return min((low, high), key=lambda shift: abs(miss(shift)))
 
 
@@ -197,8 +208,8 @@ def solved(camera: Camera | FocusRequest) -> Camera:
 
 def sensor_distance(request: FocusRequest) -> float:
     """Distance from the stop to the sensor that brings the requested object distance into focus. [mm]"""
-    wanted = request.focus_distance_mm
-    if wanted is None or request.focus_groups:
+    object_mm = request.focus_distance_mm
+    if object_mm is None or request.focus_groups:
         if request.sensor_distance_mm is None:
             raise CameraError(
                 "neither a sensor distance nor a focus distance is given",
@@ -206,23 +217,23 @@ def sensor_distance(request: FocusRequest) -> float:
             )
         return request.sensor_distance_mm
     near, far = reachable(request)
-    if not (near < wanted < far or wanted == far == math.inf):
-        raise _out_of_reach("the sensor", wanted, near, far)
+    if not (near < object_mm < far or object_mm == far == math.inf):
+        raise _out_of_reach("the sensor", object_mm, near, far)
     array = request.microlenses
-    film = -first_order(request.prescription).image_mm(wanted) - _image_behind_film(request)
+    film = -first_order(request.prescription).image_mm(object_mm) - _image_behind_film(request)
     return film + (_principal_mm(array, request.type)[1] if array else 0.0)
 
 
 def group_shift(request: FocusRequest) -> float:
     """Shift of the groups, + towards the sensor, that brings the requested object distance into focus. [mm]"""
-    wanted = request.focus_distance_mm
-    if not request.focus_groups or wanted is None:
+    object_mm = request.focus_distance_mm
+    if not request.focus_groups or object_mm is None:
         return 0.0
     array = request.microlenses
     film = sensor_distance(request)
     image = film - (_principal_mm(array, request.type)[1] if array else 0.0) + _image_behind_film(request)
     film -= array.reach_mm if array else 0.0
-    return shift_mm(request.prescription, request.focus_groups, film, image, wanted)
+    return shift_mm(request.prescription, request.focus_groups, film, image, object_mm)
 
 
 def reachable(request: FocusRequest) -> tuple[float, float]:
@@ -329,10 +340,11 @@ def with_stop(camera: Camera, diameter_mm: float) -> Camera:
 
 def widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
     """Diameter at the stop of the widest paraxial cone from the axis of the film that all other surfaces pass."""
+    # Trace the marginal ray of slope 1 backwards: slope times index. Its height at each rim bounds the cone.
     surfaces = prescription.surfaces
     heights = [0.0] * len(prescription.surfaces)
     height = film_mm - prescription.vertices_from_stop_mm[-1]
-    slope = 1.0  # slope: times the index
+    slope = 1.0
     for i in reversed(range(len(surfaces))):
         heights[i] = height
         in_front = surfaces[i - 1].index if i else 1.0

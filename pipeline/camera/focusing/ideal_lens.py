@@ -51,21 +51,22 @@ def with_ideal_lens(
 
 
 def _focused_alike(camera: Camera | FocusRequest, model: str) -> Camera | FocusRequest:
+    """The camera with an ideal lens of the same focal length and aperture, focused on the same object plane."""
     real = first_order(camera.prescription)
     if not real.efl_mm > 0:
         raise CameraError(f"a lens of focal length {real.efl_mm:g} mm has no {model} that images like it")
     if real.entrance_pupil.is_infinite:
         raise CameraError(f"a telecentric lens has no {model} that images like it: its entrance pupil is at infinity")
-    wide_mm = abs(real.entrance_pupil.diameter_mm) / 2
-    semi_diameter_mm = _PINHOLE_SEMI_DIAMETER_MM if model == PINHOLE else wide_mm
+    pupil_radius_mm = abs(real.entrance_pupil.diameter_mm) / 2
+    semi_diameter_mm = _PINHOLE_SEMI_DIAMETER_MM if model == PINHOLE else pupil_radius_mm
     stop = Surface(focal_length_mm=real.efl_mm, semi_diameter_mm=semi_diameter_mm, is_stop=True)
     ideal = Prescription(surfaces=(stop,))
     if isinstance(camera, Camera):
         return replace(camera, prescription=ideal, sensor_distance_mm=_sensor_mm(camera, real, first_order(ideal)))
-    asked = replace(camera, prescription=ideal, focus_groups=(), match_stop=camera.match_stop and model != PINHOLE)
+    request = replace(camera, prescription=ideal, focus_groups=(), match_stop=camera.match_stop and model != PINHOLE)
     if camera.focus_distance_mm is not None:
-        return replace(asked, sensor_distance_mm=None)
-    return replace(asked, sensor_distance_mm=_sensor_mm(camera, real, first_order(ideal)))
+        return replace(request, sensor_distance_mm=None)
+    return replace(request, sensor_distance_mm=_sensor_mm(camera, real, first_order(ideal)))
 
 
 def _sensor_mm(camera: Camera | FocusRequest, real: FirstOrder, ideal: FirstOrder) -> float:
@@ -88,14 +89,14 @@ def _distorted(camera: Camera, distortion: tuple[float, ...]) -> Camera:
     sensor = camera.sensor
     image_mm = camera.sensor_distance_mm - reach_mm
     corner = math.hypot(*sensor.farthest_corner_mm) / image_mm
-    reached = largest_radius(distortion, corner)
-    if reached < corner:
+    largest = largest_radius(distortion, corner)
+    if largest < corner:
         raise CameraError(
-            f"plen:camera:distortion folds the image: its radius grows to {reached * image_mm:.4g} mm at most,"
+            f"plen:camera:distortion folds the image: its radius grows to {largest * image_mm:.4g} mm at most,"
             f" and the corner of the sensor is {corner * image_mm:.4g} mm from the axis",
             hint="k1, k2 and k3 belong to radii over the image distance, as OpenCV's do to those over fx",
             code="distortion",
         )
     (lens,) = camera.prescription.surfaces
-    bent = replace(lens, distortion=distortion, image_distance_mm=image_mm)
-    return replace(camera, prescription=Prescription(surfaces=(bent,)))
+    distorting = replace(lens, distortion=distortion, image_distance_mm=image_mm)
+    return replace(camera, prescription=Prescription(surfaces=(distorting,)))

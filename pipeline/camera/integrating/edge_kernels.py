@@ -48,6 +48,8 @@ class Rule(NamedTuple):
 
 
 class SingleHits(NamedTuple):
+    """Where single rays meet a plane each."""
+
     on_plane: np.ndarray  # (m, 2) float64, coordinates on the plane [mm]
     density: np.ndarray  # (m,) float64, weight per area of the sampling plane
     passes: np.ndarray  # (m,) bool, whether the ray leaves the camera
@@ -125,11 +127,14 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
     nodes pass.
     """
     # Lay out the nodes of all radii.
-    most = rays.start.size * rule.node.shape[0]
-    owner, points, measure = np.empty(most, np.int64), np.empty((most, 2)), np.empty(most)
-    count = _lay(rays, rule, owner, points, measure)
-    owner, points, measure = owner[:count], points[:count], measure[:count]
-    packet, start = new_packet(), SensorPoints(np.empty(PACKET), np.empty(PACKET))
+    limit = rays.start.size * rule.node.shape[0]
+    owner = np.empty(limit, np.int64)
+    points = np.empty((limit, 2))
+    area = np.empty(limit)
+    count = _lay_nodes(rays, rule, owner, points, area)
+    owner, points, area = owner[:count], points[:count], area[:count]
+    packet = new_packet()
+    start = SensorPoints(np.empty(PACKET), np.empty(PACKET))
     alive, weight = packet.alive, packet.weight
     crossing = np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
@@ -137,7 +142,7 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
     first = 0
     while first < owner.shape[0]:
         # Trace a packet of complete runs, each the rays of one position.
-        size = _several(owner, first)
+        size = _complete_runs(owner, first)
         part = slice(first, first + size)
         _set_rays(positions, owner[part], points[part], start, packet)
         send_mixed(camera, microlens, owner[part], start, size, packet)
@@ -145,20 +150,20 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
         begin = 0
         while begin < size:
             k, n = first + begin, owner[first + begin]
-            end = begin + _stretch(owner[part], begin)
+            end = begin + _run(owner[part], begin)
             if k == 0 or owner[k - 1] != n:
                 clear(sums, total)
                 started, all_pass[n] = False, True
             for i in range(begin, end):
-                weight[i] *= measure[first + i]
+                weight[i] *= area[first + i]
                 if not alive[i] > 0.0:
                     all_pass[n] = False
             cross_packet(planes[n, 0], planes[n, 1], packet, begin, end, crossing)
             started = started or set_pivot(crossing, alive, begin, end, pivot)
             if started:
                 accumulate(crossing, weight, alive, begin, end, pivot, sums[0], total)
-            following = first + end
-            if started and (following == owner.shape[0] or owner[following] != n):
+            next_ray = first + end
+            if started and (next_ray == owner.shape[0] or owner[next_ray] != n):
                 finish(sums, total, pivot, 1.0, moments[n])
             begin = end
         first += size
@@ -166,8 +171,8 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
 
 
 @inline
-def _lay(rays, rule, owner, points, measure):
-    """Lay out nodes along all radii, each with its area [mm^2]; returns their number, because pieces may be empty."""
+def _lay_nodes(rays, rule, owner, points, area):
+    """Lay out nodes along all radii, each with its area r dr dphi [mm^2]; returns their number: pieces may be empty."""
     count = 0
     for d in range(rays.owner.shape[0]):
         n, cx, cy = rays.owner[d], rays.along[d, 0], rays.along[d, 1]
@@ -176,9 +181,9 @@ def _lay(rays, rule, owner, points, measure):
             width = length * rays.share[d]
             for j in range(rule.node.shape[0]):
                 r = start + length * rule.node[j]
-                area = r * (width * rule.weight[j])
-                if area > 0.0:
-                    owner[count], measure[count] = n, area
+                node_area = r * (width * rule.weight[j])
+                if node_area > 0.0:
+                    owner[count], area[count] = n, node_area
                     points[count, 0] = rays.centres[n, 0] + r * cx
                     points[count, 1] = rays.centres[n, 1] + r * cy
                     count += 1
@@ -211,7 +216,7 @@ def _set_rays(positions, owner, points, start, packet):
 
 
 @inline
-def _stretch(owner, first):
+def _run(owner, first):
     """Number of rays from `first` on, at most PACKET, that share its position."""
     size = 1
     while size < PACKET and first + size < owner.shape[0] and owner[first + size] == owner[first]:
@@ -220,12 +225,12 @@ def _stretch(owner, first):
 
 
 @inline
-def _several(owner, first):
+def _complete_runs(owner, first):
     """Number of rays from `first` on that fill a packet with complete runs."""
-    size = _stretch(owner, first)
+    size = _run(owner, first)
     while first + size < owner.shape[0]:
-        more = _stretch(owner, first + size)
-        if size + more > PACKET:
+        next_size = _run(owner, first + size)
+        if size + next_size > PACKET:
             break
-        size += more
+        size += next_size
     return size

@@ -27,7 +27,7 @@ PASSES = -1
 """Label of a ray that leaves the camera; other labels name its obstacle."""
 _STRAIGHT = 1 << 10
 """Step of labels from one straight edge of an aperture to the next: no lens has a thousand surfaces."""
-LOW, HIGH, INNER, OUTER, TRIAL, ROOM = range(6)
+LOW, HIGH, INNER, OUTER, TRIAL, LAG = range(6)
 """State of a search: fractions of the radius that bracket the boundary, the clearance at both, the fraction on trial,
 and the width up to which the bracket may lag behind bisection."""
 _TRUNCATION, _SLACK = 0.05, 4.0
@@ -109,21 +109,21 @@ def label_surfaces(table, base, packet, size, labels):
         inner = table[k, INNER_SQUARED] * per_squared
         for i in range(size):
             squared = (x[i] * x[i] + y[i] * y[i]) * per_squared
-            room = min(1.0 - squared, squared - inner) if inner > 0.0 else 1.0 - squared
+            at_surface = min(1.0 - squared, squared - inner) if inner > 0.0 else 1.0 - squared
             # Written so that a ray that has become NaN counts as blocked.
             arrives, is_blocked = label[i] == PASSES, not alive[i] > 0.0
-            clearance[i] = room if arrives & (room < clearance[i]) else clearance[i]
+            clearance[i] = at_surface if arrives & (at_surface < clearance[i]) else clearance[i]
             label[i] = base + k if arrives & is_blocked & is_round else label[i]
         if not is_round:
-            is_posed = table[k, POSE] > 0.0
+            is_displaced = table[k, POSE] > 0.0
             for i in range(size):
                 if label[i] == PASSES:
                     px, py = x[i], y[i]
-                    if is_posed:  # edges are stated for the centred position of the surface
+                    if is_displaced:  # edges are stated for the centred position of the surface
                         undisplaced = entered(motion_of_row(table[k], POSE), ray_of(packet, i))
                         px, py = undisplaced.x, undisplaced.y
-                    side, room = _straight_edge(table[k], px, py)
-                    clearance[i] = min(clearance[i], room)
+                    side, from_edge = _straight_edge(table[k], px, py)
+                    clearance[i] = min(clearance[i], from_edge)
                     if not alive[i] > 0.0:
                         label[i] = base + k + _STRAIGHT * side
 
@@ -148,7 +148,9 @@ def _straight_edge(row, x, y):
 
     The clearance from the nearest edge is in semi-diameters, positive inside.
     """
-    worst, edge, nearest = 0.0, 0, -math.inf
+    worst = 0.0
+    edge = 0
+    nearest = -math.inf
     for j in range(int(row[EDGES])):
         first = int(row[FIRST_EDGE]) + 3 * j
         beyond = row[first] * x + row[first + 1] * y - row[first + 2]
@@ -177,10 +179,12 @@ def reach(polygons, counts, centres, spokes, side):
     kept = np.full((3, _KEPT_ANGLES), np.nan)
     first = 0
     while first < owner.shape[0]:
+        # Take the directions of one bundle, from `first` to `end`.
         n, end = owner[first], first
         while end < owner.shape[0] and owner[end] == n:
             _direction(angle, end, end - first, kept, along)
             limit[end], end = np.inf, end + 1
+        # Cut each by the lines of all edges: the nearest cut ahead is the boundary of a convex polygon.
         for i in range(counts[n]):
             j = i + 1 if i + 1 < counts[n] else 0
             ex, ey = polygons[n, j, 0] - polygons[n, i, 0], polygons[n, j, 1] - polygons[n, i, 1]
@@ -217,30 +221,38 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     x, y = packet.x, packet.y
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     start = SensorPoints(start_x, start_y)
-    spoke, at, points = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64), np.empty((PACKET, 2))
-    blocker, clearance, search = np.empty(PACKET, np.int64), np.empty(PACKET), np.empty((6, PACKET))
+    # Of each ray of the packet: its direction and bundle, the point on trial, the state of the search, the obstacle of
+    # the ray on trial, and that of the last blocked one.
+    spoke, bundle = np.empty(PACKET, np.int64), np.empty(PACKET, np.int64)
+    points, search = np.empty((PACKET, 2)), np.empty((6, PACKET))
+    blocker, clearance = np.empty(PACKET, np.int64), np.empty(PACKET)
     labels = Labels(blocker, clearance)
     along, blockers = np.empty((2, PACKET)), np.empty(PACKET, np.int64)
-    size, following, rays = 0, 0, 0
+    size, next_spoke, rays = 0, 0, 0
     narrow = 0.5 ** (steps + 1)
     while True:
         # Fill the packet with new directions.
-        while size < PACKET and following < owner.shape[0]:
-            spoke[size], following = following, following + 1
-            along[0, size], along[1, size] = towards[0, spoke[size]], towards[1, spoke[size]]
-            search[LOW, size], search[HIGH, size], search[INNER, size] = 0.0, 1.0, 1.0
-            search[OUTER, size], search[TRIAL, size], search[ROOM, size] = -1.0, 1.0, _SLACK
+        while size < PACKET and next_spoke < owner.shape[0]:
+            spoke[size] = next_spoke
+            along[0, size], along[1, size] = towards[0, next_spoke], towards[1, next_spoke]
+            search[LOW, size], search[HIGH, size] = 0.0, 1.0
+            search[INNER, size], search[OUTER, size] = 1.0, -1.0
+            search[TRIAL, size] = 1.0
+            search[LAG, size] = _SLACK
+            next_spoke += 1
             size += 1
         if size == 0:
             return rays
         # Trace the ray on trial in each direction.
         for i in range(size):
             f = spoke[i]
-            n, far = owner[f], limit[f] * search[TRIAL, i]
-            at[i], start_x[i], start_y[i] = n, positions[n, 0], positions[n, 1]
+            n = owner[f]
+            far = limit[f] * search[TRIAL, i]
+            bundle[i] = n
+            start_x[i], start_y[i] = positions[n, 0], positions[n, 1]
             points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
             x[i], y[i] = points[i, 0], points[i, 1]
-        label_packet(camera, microlens, at[:size], points, start, size, packet, labels)
+        label_packet(camera, microlens, bundle[:size], points, start, size, packet, labels)
         rays += size
         # Narrow the brackets, write the boundaries that have converged, and keep the rest.
         kept = 0
@@ -265,12 +277,13 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
 
 @inline
 def _narrowed(search, passes, clearance, narrow):
-    """Take in a ray and choose the next; whether the bracket is so narrow that the choice is the boundary."""
+    """Take in the ray on trial and choose the next; whether the bracket is so narrow that this is the boundary."""
     # ITP: interpolate, truncate, project. Nearly as few rays as the secant method on smooth edges, three more than
     # bisection at worst (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, 5). Without a clearance of the right
     # sign the step is a bisection.
-    # The clearance as a length, not an area: about linear along the radius.
+    # Convert the clearance from an area to a length, which is about linear along the radius.
     clearance = 1.0 - math.sqrt(max(1.0 - clearance, 0.0))
+    # Move the end of the bracket on the ray's side.
     if passes:
         search[LOW] = search[TRIAL]
         search[INNER] = clearance if clearance > 0.0 else -search[OUTER]
@@ -282,14 +295,19 @@ def _narrowed(search, passes, clearance, narrow):
             return False
     low, high, inner, outer = search[LOW], search[HIGH], search[INNER], search[OUTER]
     width, middle = high - low, 0.5 * (low + high)
+    # Interpolate: the secant's estimate of the boundary.
     crossing = low + width * inner / (inner - outer)
     if width <= narrow:
         search[TRIAL] = crossing
         return True
-    search[ROOM] *= 0.5
-    # Step beyond the estimate by at least a quarter of the final width, so that both bounds soon close in.
-    off, cut = middle - crossing, max(_TRUNCATION * width * width, 0.25 * narrow)
-    nearer = crossing + math.copysign(cut, off) if cut <= abs(off) else middle
-    most = max(search[ROOM] - 0.5 * width, 0.0)
-    search[TRIAL] = nearer if abs(nearer - middle) <= most else middle - math.copysign(most, off)
+    # Truncate: step beyond the estimate towards the middle, by at least a quarter of the final width, so that both ends
+    # soon close in.
+    to_middle = middle - crossing
+    cut = max(_TRUNCATION * width * width, 0.25 * narrow)
+    truncated = crossing + math.copysign(cut, to_middle) if cut <= abs(to_middle) else middle
+    # Project: stay near enough to the middle that the bracket lags at most so far behind bisection.
+    search[LAG] *= 0.5
+    allowed = max(search[LAG] - 0.5 * width, 0.0)
+    is_near = abs(truncated - middle) <= allowed
+    search[TRIAL] = truncated if is_near else middle - math.copysign(allowed, to_middle)
     return False

@@ -12,9 +12,6 @@ star-shaped about the point; one that is not is reported, not integrated.
 
 A ring is not star-shaped about any point. But it is the region that passes without the obstruction, less the region
 that the obstruction would block, and both are star-shaped: each is integrated about a point of its own.
-
-Rays through polar nodes about one interior point for all neighbouring positions, at fixed fractions of the radius of
-the boundary, have hits that are smooth functions of the position, unlike those of random rays.
 """
 
 from collections.abc import Callable
@@ -34,7 +31,7 @@ from pipeline.camera.tracing.moments import COLUMNS, FREE_WEIGHT, VARIANCE, WEIG
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS, SKIP
 from pipeline.optics.table import without_obstructions
-from pipeline.records.shapes import Bool, Float64, Int64
+from pipeline.records.shapes import Float64, Int64
 
 EMPTY, INTEGRATED, NOT_STAR_SHAPED = range(3)
 """Outcomes of a bundle: nothing passes; integrated; its region is not star-shaped about an interior point."""
@@ -52,12 +49,12 @@ _LEAST_PER_ARC = 4
 of an error estimate fewer: a difference does not show errors that both levels share."""
 _LEAST = 1e-6
 """Share of the light behind obstructions below which a bundle is empty [1]: boundaries are known to 3e-8."""
-_INSIDE = 1 - 1e-7
-"""Radius of the outermost rays over that of the boundary [1]: they must pass, and it is known to 3e-8."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
+    """Precision of the search for the boundary of bundles."""
+
     # Bisections of the direction of a corner, and of the boundary for each of them
     corner_steps: int
     corner_edge_steps: int
@@ -111,16 +108,16 @@ class Edges(StarRegions):
             spans = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
             rule = Rule(*boundary.unit_nodes(nodes[0]))
             star_shaped = np.zeros(n, bool)
-            given = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
-            count = edge_kernels.integrate(*given, spans, rule, result, star_shaped)
+            bundles = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
+            count = edge_kernels.integrate(*bundles, spans, rule, result, star_shaped)
             edge_kernels.integrate.count(count, len(self.arrays.table))
             rays += count + len(owner)
             # Reject regions that are not star-shaped: by a ray beyond each boundary point, and by probes all over.
             star_shaped &= self.nothing_beyond(owner, along, radius, limit)
             if is_last:
-                agrees, more = agrees_with_probes(self, owner, angle, radius, share, PROBES * nodes[1])
+                agrees, probes = agrees_with_probes(self, owner, angle, radius, share, PROBES * nodes[1])
                 star_shaped &= agrees
-                rays += more
+                rays += probes
             status[owner] = np.where(star_shaped, INTEGRATED, NOT_STAR_SHAPED)[owner]
         # Quadrature has no variance; an empty bundle has weight 0.
         result[:, VARIANCE:] = 0.0
@@ -139,13 +136,14 @@ class Edges(StarRegions):
         height: float | np.ndarray = optics.sampling_z_mm - optics.sensor_z_mm
         if len(microlenses):
             height = microlenses[self.microlens[owner], AIM]
-        away = self.centres[owner] - self.positions[owner]
-        towards = -np.sum(away * along, axis=1)
-        squared = (height * np.tan(half_angle)) ** 2 - np.sum(away**2, axis=1) + towards**2
-        half = np.sqrt(np.maximum(squared, 0.0))
-        marks = np.clip(np.stack([towards - half, towards + half], axis=1), 0.0, radius[:, None])
-        marks = np.column_stack([np.zeros(len(owner)), marks, radius])
-        return np.ascontiguousarray(marks[:, :-1]), np.diff(marks, axis=1)  # or the kernel would be compiled once more
+        # Cut each radius where it crosses the circle: half a chord before and behind the middle of the chord.
+        from_foot = self.centres[owner] - self.positions[owner]
+        chord_middle = -np.sum(from_foot * along, axis=1)
+        squared = (height * np.tan(half_angle)) ** 2 - np.sum(from_foot**2, axis=1) + chord_middle**2
+        half_chord = np.sqrt(np.maximum(squared, 0.0))
+        cuts = np.stack([chord_middle - half_chord, chord_middle + half_chord], axis=1)
+        ends = np.column_stack([np.zeros(len(owner)), np.clip(cuts, 0.0, radius[:, None]), radius])
+        return np.ascontiguousarray(ends[:, :-1]), np.diff(ends, axis=1)  # or the kernel would be compiled once more
 
 
 def edges(
@@ -159,19 +157,19 @@ def edges(
 
     `within`: regions that contain them, in which interior points are searched.
     """
-    return _with_corners(replace(inner_points(arrays, positions_mm, microlens, within), effort=effort))
+    return with_corners(replace(inner_points(arrays, positions_mm, microlens, within), effort=effort))
 
 
-def _with_corners(bundles: Edges) -> Edges:
+def with_corners(bundles: Edges) -> Edges:
     """The regions with the corners of their boundaries."""
     owner, angle = bundles.directions(_FIRST_DIRECTIONS)
     # Behind a lens alone a rim first cuts the pupil towards the axis or away from it: rotated to start there, the
     # directions catch an arc however short.
     turn = np.where(bundles.microlens == NO_MICROLENS, np.arctan2(*bundles.positions.T[::-1]), 0.0)
     # The obstacle far outside of the boundary need not be the one at it: corners need a sharp boundary.
-    _, label, _, fine = bundles.edge_points(owner, angle + turn[owner], bundles.effort.corner_edge_steps)
-    corners, again = _corners(bundles, label, turn)
-    return replace(bundles, corners=corners, rays=bundles.rays + fine + again)
+    _, label, _, rays = bundles.edge_points(owner, angle + turn[owner], bundles.effort.corner_edge_steps)
+    corners, rays_of_corners = _corners(bundles, label, turn)
+    return replace(bundles, corners=corners, rays=bundles.rays + rays + rays_of_corners)
 
 
 def inner_points(
@@ -189,8 +187,8 @@ def inner_points(
     rays = _find_centres(bundles, within)
     # Move it to the centroid of a coarse boundary.
     owner, angle = bundles.directions(_FIRST_DIRECTIONS)
-    radius, _, _, more = bundles.edge_points(owner, angle, _FIRST_STEPS)
-    return replace(bundles, rays=rays + more + _move_to_middle(bundles, owner, radius))
+    radius, _, _, rays_of_edge = bundles.edge_points(owner, angle, _FIRST_STEPS)
+    return replace(bundles, rays=rays + rays_of_edge + _move_to_middle(bundles, owner, radius))
 
 
 def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]) -> Edges:
@@ -202,12 +200,15 @@ def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], micr
     counts = np.zeros(n, np.int64)
     free = np.zeros(n)
     edge_kernels.bounds(arrays, positions, microlens, polygons, counts, free)
-    none = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
-    return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), none, 0, FINE)
+    no_corners = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
+    return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), no_corners, 0, FINE)
 
 
 def _find_centres(bundles: Edges, within: StarRegions | None) -> int:
-    """Write an interior point of every region: the middle of its polygon if that is lit, else one of a search."""
+    """Write an interior point of every region: the middle of its polygon if that is lit, else one of a search.
+
+    Returns the number of rays.
+    """
     candidates = np.flatnonzero(bundles.counts >= 3)
     inside = np.arange(MAX_VERTICES) < bundles.counts[candidates, None]
     middle = (bundles.polygons[candidates] * inside[..., None]).sum(axis=1) / bundles.counts[candidates, None]
@@ -221,7 +222,10 @@ def _find_centres(bundles: Edges, within: StarRegions | None) -> int:
 
 
 def _probe_for_centres(bundles: Edges, rows: np.ndarray, points_of: Callable[[np.ndarray], np.ndarray]) -> int:
-    """Write an interior point of some regions: the middle one of the lit points among (rows, m, 2)."""
+    """Write an interior point of some regions: the middle one of the lit points among (rows, m, 2).
+
+    `points_of` returns these points for rows. Returns the number of rays.
+    """
     rays = 0
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         batch = rows[first : first + _ROWS_AT_ONCE]
@@ -233,15 +237,19 @@ def _probe_for_centres(bundles: Edges, rows: np.ndarray, points_of: Callable[[np
 
 
 def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> int:
-    """Move interior points to the centroids of their regions, within the first directions, if those are lit."""
+    """Move interior points to the centroids of their regions, within the first directions, if those are lit.
+
+    Returns the number of rays.
+    """
     n = len(bundles.positions)
-    # A thin sector has an area as r^2 / 2, and its centroid at 2 r / 3: off = sum of r^3 u / (3/2 sum of r^2).
-    area = np.bincount(owner, 1.5 * radius**2, n)
-    around = boundary.unit_vectors(boundary.even_angles(_FIRST_DIRECTIONS))
-    along = np.tile(around, (len(owner) // _FIRST_DIRECTIONS, 1))
-    moved = np.stack([np.bincount(owner, radius**3 * part, n) for part in along.T], axis=1)
-    nonempty = np.flatnonzero(area > 0)
-    middle = bundles.centres[nonempty] + moved[nonempty] / area[nonempty, None]
+    # A thin sector has an area as r^2 / 2, and its centroid at 2 r / 3: the centroid of all, relative to the interior
+    # point, is the sum of r^3 u over 3/2 of the sum of r^2.
+    denominator = np.bincount(owner, 1.5 * radius**2, n)
+    directions = boundary.unit_vectors(boundary.even_angles(_FIRST_DIRECTIONS))
+    along = np.tile(directions, (len(owner) // _FIRST_DIRECTIONS, 1))
+    numerator = np.stack([np.bincount(owner, radius**3 * component, n) for component in along.T], axis=1)
+    nonempty = np.flatnonzero(denominator > 0)
+    middle = bundles.centres[nonempty] + numerator[nonempty] / denominator[nonempty, None]
     passed = bundles.probe(nonempty, middle) == PASSES
     bundles.centres[nonempty[passed]] = middle[passed]
     return len(nonempty)
@@ -252,13 +260,15 @@ def _corners(bundles: Edges, label: np.ndarray, turn: np.ndarray) -> tuple[bound
     rays = 0
 
     def label_at(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Labels of the obstacles at the boundary in other directions."""
         nonlocal rays
-        _, label, _, more = bundles.edge_points(owner, angle, bundles.effort.corner_edge_steps)
-        rays += more
-        return label
+        points = bundles.edge_points(owner, angle, bundles.effort.corner_edge_steps)
+        rays += points.rays
+        return points.label
 
-    each = label.reshape(-1, _FIRST_DIRECTIONS)
-    return boundary.corners(label_at, bundles.nonempty, each, bundles.effort.corner_steps, turn[bundles.nonempty]), rays
+    labels = label.reshape(-1, _FIRST_DIRECTIONS)
+    steps = bundles.effort.corner_steps
+    return boundary.corners(label_at, bundles.nonempty, labels, steps, turn[bundles.nonempty]), rays
 
 
 class Regions(NamedTuple):
@@ -273,19 +283,21 @@ class Regions(NamedTuple):
 
     def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
         """Integrate all bundles, as `Edges.moments`."""
-        each = [part.moments(planes, nodes, is_last) for _, part in self.parts]
-        if len(each) == 1:
-            return each[0]
-        moments = np.stack([part.moments for part in each], axis=1)
-        outcomes = np.stack([part.status for part in each], axis=1)
+        outcomes = [part.moments(planes, nodes, is_last) for _, part in self.parts]
+        if len(outcomes) == 1:
+            return outcomes[0]
+        # Add and subtract the regions by their signs. The free weight is that of the first.
+        moments = np.stack([outcome.moments for outcome in outcomes], axis=1)
         result = mixed(moments, np.array([sign for sign, _ in self.parts]))
-        outcome = outcomes[:, 0].copy()
         result[:, FREE_WEIGHT] = moments[:, 0, FREE_WEIGHT]
-        outcome[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
-        outcome[(outcomes == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
-        result[outcome == EMPTY, :WEIGHT] = np.nan
-        result[outcome == EMPTY, WEIGHT] = 0.0
-        return Outcome(result, outcome, sum(part.rays for part in each))
+        # A bundle is empty if obstructions leave nothing of it, and not integrated if one of its regions is not.
+        statuses = np.stack([outcome.status for outcome in outcomes], axis=1)
+        status = statuses[:, 0].copy()
+        status[~(result[:, WEIGHT] > _LEAST * moments[:, 0, WEIGHT])] = EMPTY
+        status[(statuses == NOT_STAR_SHAPED).any(axis=1)] = NOT_STAR_SHAPED
+        result[status == EMPTY, :WEIGHT] = np.nan
+        result[status == EMPTY, WEIGHT] = 0.0
+        return Outcome(result, status, sum(outcome.rays for outcome in outcomes))
 
     def next_to(
         self, arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], microlens: Int64[np.ndarray, "n"]
@@ -295,12 +307,13 @@ class Regions(NamedTuple):
         Integrals over both differ smoothly; only boundaries are found again.
         """
         tables = [table for _, table in without_obstructions(arrays.table)]
-        moved = []
+        neighbours = []
         for (sign, part), table in zip(self.parts, tables, strict=True):
             behind = np.where(part.microlens == SKIP, SKIP, microlens)
             neighbour = bounded(arrays._replace(table=table), positions_mm, behind)
-            moved.append((sign, replace(neighbour, centres=part.centres, corners=part.corners, effort=part.effort)))
-        return Regions(moved)
+            frozen = replace(neighbour, centres=part.centres, corners=part.corners, effort=part.effort)
+            neighbours.append((sign, frozen))
+        return Regions(neighbours)
 
 
 def regions(
@@ -315,83 +328,3 @@ def regions(
     lit = np.where(np.isnan(outer.centres[:, 0]), SKIP, microlens)
     blocked = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, outer)) for s, part in obstructed]
     return Regions([(sign, outer), *blocked])
-
-
-@dataclass(frozen=True, slots=True)
-class Hits:
-    """Hits of rays of n positions, in a directions and at r fractions of the radius."""
-
-    on_plane: Float64[np.ndarray, "n a r 2"]  # coordinates on the plane of each position
-    # Weight per area of the unit disc: the integral over a bundle is that of density times s ds dphi, s the fraction
-    density_sr: Float64[np.ndarray, "n a r"]
-    angle: Float64[np.ndarray, "a"]  # from each direction to the next [rad]
-    # Whether every ray passes, none does beyond the boundary, and probes over the polygon agree with it: the region is
-    # star-shaped about its interior point, and complete
-    is_star_shaped: Bool[np.ndarray, "n"]
-
-
-class Polar(NamedTuple):
-    """Nodes in polar coordinates about an interior point."""
-
-    shares: np.ndarray  # (r,) float64, fractions of the radius of the boundary
-    directions: int  # evenly spaced: a multiple of 16
-    has_corners: bool = False  # with directions at corners, from `boundary.between`: at least as many
-
-
-def bundle_hits(
-    arrays: CameraArrays,
-    positions_mm: Float64[np.ndarray, "n 2"],
-    microlens: int,
-    plane: Float64[np.ndarray, "4 3"],
-    nodes: Polar,
-) -> Hits:
-    """Trace the bundles of neighbouring positions (n, 2) behind one microlens, or behind none, to a plane."""
-    shares, directions, has_corners = nodes
-    n = len(positions_mm)
-    behind = np.full(n, microlens)
-    # Bound all regions; the interior point of the middle position serves all.
-    home = inner_points(arrays, positions_mm[[n // 2]], behind[:1])
-    bundles = bounded(arrays, positions_mm, behind)
-    if np.isnan(home.centres).any() or (bundles.counts < 3).any():
-        nothing = np.full((n, directions, len(shares)), np.nan)
-        return Hits(np.stack([nothing, nothing], axis=-1), nothing, nothing[0, :, 0], np.zeros(n, bool))
-    # Without a microlens the region moves along with the position, by the drift of the outlines.
-    drift = arrays.optics.drift if microlens == NO_MICROLENS else 0.0
-    bundles.centres[:] = home.centres + drift * (bundles.positions - home.positions)
-    # Choose the directions of all positions, and find the boundary along each.
-    corners = _with_corners(home).corners.angle if has_corners else np.zeros(0)
-    angle, width = boundary.between(corners if len(corners) else np.zeros(1), directions)
-    directions = len(angle)
-    owner = np.repeat(np.arange(n), directions)
-    angle, share = np.tile(angle, n), np.tile((width + np.roll(width, 1)) / 2, n)
-    radius, _, limit, _ = bundles.edge_points(owner, angle)
-    agrees, _ = agrees_with_probes(bundles, owner, angle, radius, share, PROBES * directions)
-    # Trace the rays through all nodes to the plane.
-    along = boundary.unit_vectors(angle)
-    points = bundles.centres[owner, None] + (_INSIDE * radius[:, None] * shares)[..., None] * along[:, None]
-    shape = n, directions, len(shares)
-    hit = edge_kernels.empty_hits(n * directions * len(shares))
-    planes = np.repeat(np.ascontiguousarray(plane)[None], n, axis=0)
-    starts = bundles.positions, behind, np.repeat(owner, len(shares)), points.reshape(-1, 2)
-    edge_kernels.hits(arrays, planes, *starts, hit)
-    edge_kernels.hits.count(len(hit.density), len(arrays.table))
-    # Accept regions that are star-shaped; scale densities to the unit disc.
-    all_pass = hit.passes.reshape(shape).all(axis=(1, 2))
-    star_shaped = agrees & all_pass & bundles.nothing_beyond(owner, along, radius, limit)
-    density = hit.density.reshape(shape) * (radius**2).reshape(n, directions, 1)
-    return Hits(hit.on_plane.reshape(*shape, 2), density, width, star_shaped)
-
-
-def single_hits(
-    arrays: CameraArrays,
-    positions_mm: Float64[np.ndarray, "n 2"],
-    microlens: Int64[np.ndarray, "n"],
-    aims_mm: Float64[np.ndarray, "n 2"],
-    planes: Float64[np.ndarray, "n 4 3"],
-) -> np.ndarray:
-    """Intersections of rays through points of the sampling plane with a plane for each, (n, 2); NaN: none."""
-    hit = edge_kernels.empty_hits(len(positions_mm))
-    given = map(np.ascontiguousarray, (planes, positions_mm, microlens, np.arange(len(microlens)), aims_mm))
-    edge_kernels.hits(arrays, *given, hit)
-    edge_kernels.hits.count(len(positions_mm), len(arrays.table))
-    return np.where(hit.passes[:, None], hit.on_plane, np.nan)

@@ -89,14 +89,15 @@ class StarRegions:
         edge_search.reach(self.polygons, self.counts, self.centres, spokes, label)
         label += _POLYGON
         radius = np.empty(m)
-        given = self.positions, self.microlens, self.centres, spokes
-        rays = edge_search.find_edges(self.arrays, *given, steps, radius, label)
+        bundles = self.positions, self.microlens, self.centres
+        rays = edge_search.find_edges(self.arrays, *bundles, spokes, steps, radius, label)
         edge_search.find_edges.count(rays, len(self.arrays.table))
         return EdgePoints(radius, label, spokes.limit, rays)
 
     def points_inside(self, rows: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Points that cover regions up to their boundary, (rows, m, 2)."""
-        owner, angle = np.repeat(rows, _AROUND), np.tile(even_angles(_AROUND), len(rows))
+        owner = np.repeat(rows, _AROUND)
+        angle = np.tile(even_angles(_AROUND), len(rows))
         radial = self.edge_points(owner, angle).radius[:, None] * unit_vectors(angle)
         return (self.centres[owner, None] + _OUTWARDS[:, None] * radial[:, None]).reshape(len(rows), -1, 2)
 
@@ -108,16 +109,16 @@ class StarRegions:
         limit: Float64[np.ndarray, "n"],
     ) -> np.ndarray:
         """Whether no ray passes beyond the boundary, (n,): one ray per direction, at four radii in turn."""
-        number = np.arange(len(owner)) - np.searchsorted(
-            owner, owner
-        )  # counted per position: no row depends on another
-        height = 0.125 + 0.25 * (number % 4)
-        open_ = radius < limit * (1 - 1e-9)
-        points = self.centres[owner] + (radius + height * (limit - radius))[:, None] * along
-        label = self.probe(owner[open_], points[open_])
-        clear = np.ones(len(self.positions), bool)
-        clear[owner[open_][label == PASSES]] = False
-        return clear
+        # Number the directions of each position, so that no row depends on another, and alternate between four shares
+        # of the distance from the boundary to the polygon.
+        number = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        share = 0.125 + 0.25 * (number % 4)
+        ends_inside = radius < limit * (1 - 1e-9)
+        points = self.centres[owner] + (radius + share * (limit - radius))[:, None] * along
+        label = self.probe(owner[ends_inside], points[ends_inside])
+        is_clear = np.ones(len(self.positions), bool)
+        is_clear[owner[ends_inside][label == PASSES]] = False
+        return is_clear
 
 
 def agrees_with_probes(
@@ -139,28 +140,29 @@ def agrees_with_probes(
     the angle that each represents.
     """
     n = len(bundles.positions)
-    live = np.flatnonzero(np.bincount(owner, minlength=n))
-    if not len(live):
+    nonempty = np.flatnonzero(np.bincount(owner, minlength=n))
+    if not len(nonempty):
         return np.ones(n, bool), 0
     # Compare probes with the chords of the boundary.
     chords = _chords(owner, angle, radius, n)
-    who, points = np.repeat(live, count), bundles.spread(live, count).reshape(-1, 2)
-    passed = bundles.probe(who, points) == PASSES
-    x, y = (points - bundles.centres[who]).T
-    towards = np.arctan2(y, x)
-    odd = np.flatnonzero(passed != chords.hold(who, towards, x, y))
+    bundle = np.repeat(nonempty, count)
+    points = bundles.spread(nonempty, count).reshape(-1, 2)
+    passes = bundles.probe(bundle, points) == PASSES
+    x, y = (points - bundles.centres[bundle]).T
+    probe_angle = np.arctan2(y, x)
+    disagrees = np.flatnonzero(passes != chords.hold(bundle, probe_angle, x, y))
     # Trace the boundary in the direction of each probe that disagrees.
-    far = np.hypot(x[odd], y[odd])
-    edge, _, limit, rays = bundles.edge_points(who[odd], towards[odd], _STEPS)
-    off = np.where(passed[odd], far - edge, edge - far)
+    probe_radius = np.hypot(x[disagrees], y[disagrees])
+    edge, _, limit, rays = bundles.edge_points(bundle[disagrees], probe_angle[disagrees], _STEPS)
+    excess = np.where(passes[disagrees], probe_radius - edge, edge - probe_radius)
     agrees = np.ones(n, bool)
-    agrees[who[odd][off > limit * 0.5**_STEPS]] = False
+    agrees[bundle[disagrees][excess > limit * 0.5**_STEPS]] = False
     # Compare the number of probes beyond the chords with the area between chords and boundary.
     outside = np.bincount(owner, 0.5 * share * radius**2, n) - chords.area()
-    expected = count * np.maximum(outside[live], 0.0) / _areas(bundles, live)
-    beyond = np.bincount(who[odd][passed[odd]], minlength=n)[live]
-    agrees[live[beyond > expected + _CHANCE + _ERRORS * np.sqrt(expected)]] = False
-    return agrees, len(who) + rays
+    expected = count * np.maximum(outside[nonempty], 0.0) / _areas(bundles, nonempty)
+    beyond = np.bincount(bundle[disagrees][passes[disagrees]], minlength=n)[nonempty]
+    agrees[nonempty[beyond > expected + _CHANCE + _ERRORS * np.sqrt(expected)]] = False
+    return agrees, len(bundle) + rays
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +181,7 @@ class _Chords:
 
     def hold(self, owner: np.ndarray, angle: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whether points (x, y), about interior points and in directions `angle`, lie within the chords, (k,) bool."""
+        # The chord from a to b crosses the direction; before the first point of an owner it begins at the last one.
         a = np.searchsorted(self.key, _key(owner, angle), side="right") - 1
         a = np.where(a < self.first[owner], self.first[owner + 1] - 1, a)
         b = self.following[a]
@@ -194,6 +197,7 @@ class _Chords:
 
 
 def _chords(owner: np.ndarray, angle: np.ndarray, radius: np.ndarray, n: int) -> _Chords:
+    """Polygons through the boundary points of n regions, given by owner, angle and radius, (m,) each."""
     key = _key(owner, angle)
     order = np.argsort(key, kind="stable")  # nearly sorted already
     owner, angle, radius = owner[order], angle[order], radius[order]
@@ -210,7 +214,7 @@ def _key(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _areas(bundles: StarRegions, rows: np.ndarray) -> np.ndarray:
-    """Areas of the bounding polygons."""
+    """Areas of the bounding polygons of some regions, by the shoelace formula."""
     x, y = np.moveaxis(bundles.polygons[rows], -1, 0)
     number = np.arange(x.shape[1])
     following = np.where(number + 1 < bundles.counts[rows, None], number + 1, 0)

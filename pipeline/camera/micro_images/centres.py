@@ -51,7 +51,7 @@ class Nearby:
         finite = np.isfinite(positions).all(axis=1)
         rows = self._tree.query(np.where(finite[:, None], positions, 0.0), np.arange(1, count + _TIES + 1))[1]
         rows[~finite] = len(self.points)
-        # The tree's own distances might be rounded otherwise on another processor.
+        # Sort by distances of our own: the tree's might be rounded otherwise on another processor.
         offset = np.append(self.points, [[np.inf, np.inf]], axis=0)[rows] - positions[:, None]
         distance = np.where(rows < len(self.points), np.sqrt((offset**2).sum(axis=2)), np.inf)
         order = np.lexsort((rows, distance))[:, :count]
@@ -59,12 +59,14 @@ class Nearby:
         return distance, np.where(rows < len(self.points), rows, NOBODY)
 
     def within(self, positions: Float64[np.ndarray, "n 2"], radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """Distances and rows of all points within a radius of each position, nearest first, (m, most), as `nearest`."""
-        about = self._tree.query_ball_point(positions, radius * (1 + 1e-9), return_length=True)
-        distance, rows = self.nearest(positions, int(np.max(about, initial=0)))
-        inside = distance <= radius
-        most = int(inside.sum(axis=1).max(initial=0))
-        return np.where(inside, distance, np.inf)[:, :most], np.where(inside, rows, NOBODY)[:, :most]
+        """Distances and rows of all points within a radius of each position, as `nearest`: as many columns as the
+        position with most points needs.
+        """
+        counts = self._tree.query_ball_point(positions, radius * (1 + 1e-9), return_length=True)
+        distance, rows = self.nearest(positions, int(np.max(counts, initial=0)))
+        is_inside = distance <= radius
+        columns = int(is_inside.sum(axis=1).max(initial=0))
+        return np.where(is_inside, distance, np.inf)[:, :columns], np.where(is_inside, rows, NOBODY)[:, :columns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +112,11 @@ def _centres(tracer: Tracer) -> np.ndarray:
     microlens = np.arange(len(rows))
     count = len(rows)
     centre = rows[:, :2].copy()
-    position, direction, passes = np.empty((count, 3)), np.empty((count, 3)), np.empty(count)
+    position = np.empty((count, 3))
+    direction = np.empty((count, 3))
+    passes = np.empty(count)
     for _ in range(_STEPS):
+        # Move the hit by the difference of slopes, as if the microlens were not there: a fixed-point iteration.
         aims = vertex_aims(tracer, microlens, centre)
         rays_before(tracer.arrays, microlens, centre, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
@@ -130,7 +135,7 @@ def vertex_aims(
     assert array is not None and tracer.lattice is not None
     point = np.zeros((len(microlens), 3))
     aims = np.empty((len(microlens), 2))
-    heights = [f.thickness_mm * f.aperture_is_in_front for f in array.faces]
+    heights = [faces.thickness_mm * faces.aperture_is_in_front for faces in array.faces]
     point[:, 2] = np.array(heights)[tracer.lattice.type[microlens]] if heights else 0.0
     aims_for(tracer.arrays, microlens, positions_mm, point, aims)
     return aims
@@ -181,12 +186,14 @@ def pixel_strata(
     farthest_px = farthest_mm / tracer.camera.sensor.pitch_mm + 1e-6
     discs = _Discs(images.centre_mm, centre_px, images.reach_mm + slack_mm, farthest_mm, farthest_px)
     positions = positions_of(tracer, rows, columns)
+    # Count the discs that reach each pixel, then sort them into as many slots.
     filled = np.zeros(count, np.int64)
-    _lay(discs, positions, width, np.zeros((count, 0)), np.zeros((count, 0), np.int64), filled)
-    most = max(1, int(filled.max()))
-    strata, distance = np.full((count, most), SKIP), np.zeros((count, most))
+    _sort_discs(discs, positions, width, np.zeros((count, 0)), np.zeros((count, 0), np.int64), filled)
+    slots = max(1, int(filled.max()))
+    strata = np.full((count, slots), SKIP)
+    distance = np.zeros((count, slots))
     filled[:] = 0
-    _lay(discs, positions, width, distance, strata, filled)
+    _sort_discs(discs, positions, width, distance, strata, filled)
     return strata
 
 
@@ -197,12 +204,16 @@ def positions_of(tracer: Tracer, rows: tuple[int, int], columns: tuple[int, int]
 
 
 @kernel
-def _lay(discs, positions, width, distance, strata, filled):
-    """Sort discs into the pixels that they reach, nearest first; arrays without columns only have them counted."""
+def _sort_discs(discs, positions, width, distance, strata, filled):
+    """Sort discs into the pixels that they reach, nearest first; arrays without columns only have them counted.
+
+    `distance`, `strata`, `filled`: distances and microlenses by pixel and slot, and number of used slots.
+    """
     # A disc beyond its own reach keeps its slot as `SKIP`: the first slot is that of the pixel's own cell.
     height = positions.shape[0] // width
     for microlens in range(discs.centre_mm.shape[0]):
-        x, y, far = discs.centre_px[microlens, 0], discs.centre_px[microlens, 1], discs.farthest_px
+        x, y = discs.centre_px[microlens, 0], discs.centre_px[microlens, 1]
+        far = discs.farthest_px
         if not (x > -far - 1.0 and x < width + far and y > -far - 1.0 and y < height + far):
             continue
         for j in range(max(0, math.ceil(y - far)), min(height - 1, math.floor(y + far)) + 1):
@@ -210,15 +221,16 @@ def _lay(discs, positions, width, distance, strata, filled):
                 n = j * width + i
                 across = positions[n, 0] - discs.centre_mm[microlens, 0]
                 up = positions[n, 1] - discs.centre_mm[microlens, 1]
-                away = math.sqrt(across * across + up * up)
-                if away > discs.farthest_mm:
+                from_centre = math.sqrt(across * across + up * up)
+                if from_centre > discs.farthest_mm:
                     continue
                 slot = filled[n]
                 filled[n] += 1
                 if distance.shape[1] == 0:
                     continue
-                while slot > 0 and distance[n, slot - 1] > away:
+                # Insertion sort: move farther discs one slot on.
+                while slot > 0 and distance[n, slot - 1] > from_centre:
                     distance[n, slot], strata[n, slot] = distance[n, slot - 1], strata[n, slot - 1]
                     slot -= 1
-                distance[n, slot] = away
-                strata[n, slot] = microlens if away <= discs.reach_mm[microlens] else SKIP
+                distance[n, slot] = from_centre
+                strata[n, slot] = microlens if from_centre <= discs.reach_mm[microlens] else SKIP

@@ -12,7 +12,8 @@ import numpy as np
 
 from pipeline.camera.boundary import unit_nodes, unit_vectors
 from pipeline.camera.micro_images.centres import MicroImages
-from pipeline.camera.micro_images.pupil_images import BY_X, BY_Y, FILLED, LIGHT, RIM, SUMS, Apertures, Contours, Pencils
+from pipeline.camera.micro_images.contours import RIM, Contours
+from pipeline.camera.micro_images.pupil_images import BY_X, BY_Y, FILLED, LIGHT, SUMS, Apertures, Pencils
 from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.parts.lattice import cell
 from pipeline.camera.parts.microlens_array import MicrolensArray
@@ -30,7 +31,7 @@ _NEIGHBOUR = 1e-3
 """Distance of the neighbours of an aperture point over the ring radius [1]: differences err by about a millionth."""
 _INSIDE = 1 - 1e-9
 """Radius of the outermost rim points over that of the rim [1]: rounding must not put them outside."""
-_ROOM = 1.1
+_SEARCH = 1.1
 """Radius of the search for a pupil's image over that of the sampling bounds [1]: a first guess, widened if lit."""
 _STEP = 0.3
 """Search step over the smaller of the pupil image's least radius and the penumbra: a lit rim stays lit that far."""
@@ -69,13 +70,14 @@ def micro_light(
     shift, limit = _motion(tracer, images, rows)
     lit = limit > 0
     rows, shift, limit = rows[lit], shift[lit], limit[lit]
-    stretches = [slice(i, i + _AT_ONCE) for i in range(0, len(rows), _AT_ONCE)]
-    parts = [_stretch(tracer, images, rows[s], shift[s], limit[s]) for s in stretches]
-    dark = np.zeros((0, 2)), np.zeros(0), *np.zeros((2, 0, len(OUTLINE_DEG)))
-    return MicroLight(rows, *([np.concatenate(values) for values in zip(*parts, strict=True)] if parts else dark))
+    batches = [slice(i, i + _AT_ONCE) for i in range(0, len(rows), _AT_ONCE)]
+    parts = [_traced_batch(tracer, images, rows[batch], shift[batch], limit[batch]) for batch in batches]
+    if not parts:
+        return MicroLight(rows, np.zeros((0, 2)), np.zeros(0), *np.zeros((2, 0, len(OUTLINE_DEG))))
+    return MicroLight(rows, *(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def _stretch(
+def _traced_batch(
     tracer: Tracer, images: MicroImages, rows: np.ndarray, shift: np.ndarray, limit: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Centroids, areas and both outlines of a batch of microlenses; `shift` and `limit` are those of `_motion`."""
@@ -84,7 +86,7 @@ def _stretch(
     kind = grid.type[rows]
     camera = tracer.arrays
     # Integrate the light through quadrature nodes of the aperture, without obstructions less what these block.
-    points, shares = _nodes(array)
+    points, shares = _aperture_nodes(array)
     middle = np.ascontiguousarray(images.centre_mm[rows])
     sums = np.zeros((len(rows), SUMS))
     parts = without_obstructions(camera.table)
@@ -117,24 +119,26 @@ def reaching(tracer: Tracer, images: MicroImages) -> np.ndarray:
     """Rows of the microlenses whose light may fall onto the image."""
     sensor = tracer.camera.sensor
     centre = tracer.pixels_at(images.centre_mm)
-    off = centre - np.clip(centre, -0.5, np.array(sensor.size_px) - 0.5)
-    return np.flatnonzero(np.hypot(*off.T) * sensor.pitch_mm <= images.reach_mm)
+    outside_px = centre - np.clip(centre, -0.5, np.array(sensor.size_px) - 0.5)
+    return np.flatnonzero(np.hypot(*outside_px.T) * sensor.pitch_mm <= images.reach_mm)
 
 
 def _motion(tracer: Tracer, images: MicroImages, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Motion of the pupil's image per motion of the aperture point, and its radius by the sampling bounds; 0: dark."""
     microlenses = tracer.arrays.microlenses[rows]
     polygons = outlines_around(tracer.arrays, microlenses[:, [column.OUTLINE_X, column.OUTLINE_Y]])
-    by_start, by_aim = microlenses[:, column.BY_START], microlenses[:, column.BY_AIM]
-    across = (polygons - microlenses[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
-    edge = microlenses[:, None, :2] + across - images.centre_mm[rows, None]
+    by_start = microlenses[:, column.BY_START]
+    by_aim = microlenses[:, column.BY_AIM]
+    # Map the outline of the lens back to the sensor by the microlens's linear map, for rays through its vertex.
+    from_vertex = (polygons - microlenses[:, None, [column.BASE_X, column.BASE_Y]]) / by_start[:, None, None]
+    edge = microlenses[:, None, :2] + from_vertex - images.centre_mm[rows, None]
     farthest = np.hypot(edge[..., 0], edge[..., 1]).max(axis=1, initial=0.0)
-    limit = _ROOM * farthest + microlenses[:, column.MARGIN] / np.abs(by_start)
+    limit = _SEARCH * farthest + microlenses[:, column.MARGIN] / np.abs(by_start)
     limit[np.ptp(polygons, axis=1).max(axis=1) == 0] = 0.0
     return -by_aim / by_start, limit
 
 
-def _nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
+def _aperture_nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
     """Quadrature over an aperture: vertex and a ring, exact for cubics: (types, m, 5, 3) with neighbours, (m,)."""
     if array.disc_diameter_mm is not None:
         radius = array.disc_diameter_mm / 2
@@ -145,26 +149,29 @@ def _nodes(array: MicrolensArray) -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([np.zeros((1, 2)), ring])
     step = _NEIGHBOUR * np.hypot(*ring.T).max()
     near = points[:, None] + step * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
-    placed = on_apertures(array, near.reshape(-1, 2)).reshape(len(array.focal_lengths_mm), *near.shape[:2], 3)
-    return np.ascontiguousarray(placed), np.concatenate([[1 - shares.sum()], shares])
+    on_face = on_apertures(array, near.reshape(-1, 2)).reshape(len(array.focal_lengths_mm), *near.shape[:2], 3)
+    return np.ascontiguousarray(on_face), np.concatenate([[1 - shares.sum()], shares])
 
 
 def _ring(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points towards the corners of a cell, with weights that reproduce its second moments."""
     # Their distance makes the mean of r^4 right as well; on a regular hexagon the rule is exact to the fifth degree.
+    # Nodes and weights of a fine quadrature over the cell, triangle by triangle about its middle.
     node, weight = unit_nodes(4)
     u, v = (grid.ravel() for grid in np.meshgrid(node, node))
-    first, second = corners, np.roll(corners, -1, axis=0)
+    first = corners
+    second = np.roll(corners, -1, axis=0)
     area = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     inner = u[:, None] * ((1 - v)[:, None] * first[:, None] + v[:, None] * second[:, None])
     share = (area[:, None] * u * np.outer(weight, weight).ravel()).ravel()
     x, y = inner.reshape(-1, 2).T
     share = share / share.sum()
+    # Place the ring by the mean of r^4, and solve for weights with the second moments of the cell.
     squared = x**2 + y**2
     ring = corners * np.sqrt((share @ squared**2) / (share @ squared) / (corners**2).sum(axis=1).mean())
-    wanted = np.array([share @ x**2, share @ (x * y), share @ y**2])
-    terms = np.stack([ring[:, 0] ** 2, ring[:, 0] * ring[:, 1], ring[:, 1] ** 2])
-    return ring, np.linalg.lstsq(terms, wanted, rcond=None)[0]
+    cell_moments = np.array([share @ x**2, share @ (x * y), share @ y**2])
+    ring_moments = np.stack([ring[:, 0] ** 2, ring[:, 0] * ring[:, 1], ring[:, 1] ** 2])
+    return ring, np.linalg.lstsq(ring_moments, cell_moments, rcond=None)[0]
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:

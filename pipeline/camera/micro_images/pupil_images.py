@@ -1,4 +1,4 @@
-"""Light through points of microlens apertures: images of the exit pupil, and contours of all light of a microlens.
+"""Light through points of microlens apertures: images of the exit pupil.
 
 A pencil is all rays through one point of an aperture. The sensor positions whose ray through it passes the camera fill
 a region, the pinhole image of the exit pupil. The light of a microlens is the integral over its aperture of the
@@ -7,10 +7,6 @@ integrals over these regions, each in polar coordinates: sum of w L r dr dphi. `
 
 The boundary of such an image is bisected with real rays along directions from an interior point. They are evenly spaced
 if one aperture blocks all around, else Gauss-Legendre nodes on the arcs between corners, where the obstacle changes.
-
-Along a direction the light of a microlens ends where the last point of its aperture goes dark, and that is a point of
-the rim: just inside of it light passes a thin sliver of the aperture. Rays through points of the rim find it: first
-coarse points all around, then finer ones about those that go dark last.
 """
 
 import math
@@ -50,19 +46,6 @@ _SPREAD = 256
 """Points of a spiral that are tried where a base is dark: one per 1/256 of the disc that light can reach."""
 _GOLDEN_RAD = 2.399963229728653
 """Angle from one to the next [rad]: the golden angle, (3 - sqrt(5)) pi, which fills a disc evenly (Vogel, 1979)."""
-RIM = 384
-"""Points around an aperture, about one per degree: a multiple of 4 and 6, so that corners of a cell are among them."""
-_COARSE, _FINE = 24, 9
-"""Points that are tried: first all around, then between the neighbours of the one that goes dark last."""
-_STRIDE = RIM // _COARSE
-"""Points of the rim from one coarse point to the next."""
-_FINE_STRIDE = 2 * _STRIDE // (_FINE - 1)
-"""Points of the rim from one fine point to the next: the fine ones span two coarse strides."""
-_COARSE_STEPS, _FINE_STEPS = 7, 8
-"""Bisections by coarse points, to 1/128 of a step, and then by fine ones, to 1/256 of what these leave."""
-_CONTOUR_WIDENINGS = 20
-"""Most steps inwards or outwards to where light and dark meet: a step is nearly a third of the pupil's image or of the
-penumbra, whichever is smaller, and the search begins near the boundary."""
 
 
 class Pencils(NamedTuple):
@@ -98,7 +81,7 @@ class Sectors(NamedTuple):
     angle: np.ndarray
 
 
-def look(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = False) -> np.ndarray:
+def probe_points(camera: CameraArrays, pencils: Pencils, rays: Rays, is_named: bool = False) -> np.ndarray:
     """Labels of rays, (m,): `PASSES` or another one, which names the obstacle if names are requested."""
     starts = np.ascontiguousarray(rays.starts)
     microlens = pencils.microlens[rays.owner]
@@ -179,24 +162,25 @@ class Apertures:
         """
         n, m = len(self.pencils.microlens), len(self.shares)
         owner, point = np.divmod(np.arange(n * m), m)
-        off_vertex = self.pencils.points[self.pencils.kind, :, 0, :2]
-        bases = (middle[:, None] + shift[:, None, None] * off_vertex).reshape(-1, 2)
+        from_vertex = self.pencils.points[self.pencils.kind, :, 0, :2]
+        bases = (middle[:, None] + shift[:, None, None] * from_vertex).reshape(-1, 2)
         # Find a lit base in the region of every pencil, and its boundary in even directions.
         lit = self._find_bases(owner, point, bases, limit)
         tips = _Tips(owner, point, bases, limit[owner])
-        row, angle = np.repeat(np.arange(n * m), DIRECTIONS), np.tile(even_angles(DIRECTIONS), n * m)
+        row = np.repeat(np.arange(n * m), DIRECTIONS)
+        angle = np.tile(even_angles(DIRECTIONS), n * m)
         radius, blocker = (values.reshape(-1, DIRECTIONS) for values in self._edges(tips, row, unit_vectors(angle)))
         # Integrate regions with a smooth boundary.
-        off, is_round = _middles(radius, blocker)
+        offset, is_smooth = _middles(radius, blocker)
         sums = np.zeros((n, SUMS))
-        rounds = np.repeat(lit & is_round, DIRECTIONS)
-        share = np.full(np.count_nonzero(rounds), 2 * np.pi / DIRECTIONS)
-        sectors = _sectors(tips, row[rounds], angle[rounds], radius.ravel()[rounds], share)
+        smooth = np.repeat(lit & is_smooth, DIRECTIONS)
+        share = np.full(np.count_nonzero(smooth), 2 * np.pi / DIRECTIONS)
+        sectors = _sectors(tips, row[smooth], angle[smooth], radius.ravel()[smooth], share)
         add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         # Integrate the rest between their corners.
-        cornered = np.flatnonzero(lit & ~is_round)
-        if len(cornered):
-            sectors = self._between_corners(tips.only(cornered), off[cornered])
+        with_corners = np.flatnonzero(lit & ~is_smooth)
+        if len(with_corners):
+            sectors = self._between_corners(tips.only(with_corners), offset[with_corners])
             add_light(self.camera, self.pencils, self.shares, middle, sectors, sums)
         return sums
 
@@ -208,7 +192,8 @@ class Apertures:
     ) -> np.ndarray:
         """Radius of the light through the vertex from origins (n, 2) along (d, 2), (n, d); NaN from dark ones."""
         n, d = len(self.pencils.microlens), len(directions)
-        owner, vertex = np.arange(n), np.zeros(n, np.int64)
+        owner = np.arange(n)
+        vertex = np.zeros(n, np.int64)
         lit = self._passes(owner, vertex, origins)
         tips = _Tips(owner, vertex, origins, limit)
         radius, _ = self._edges(tips, np.repeat(owner, d), np.tile(directions, (n, 1)))
@@ -218,11 +203,13 @@ class Apertures:
         """Radius of the light from the tips of some rows (m,), ascending, along (m, 2), and its obstacle, (m,) each."""
         owner, point, bases, limit = tips.only(row)
 
-        def label(far: np.ndarray, is_named: bool = False) -> np.ndarray:
-            return look(self.camera, self._points, Rays(owner, point, bases + far[:, None] * along), is_named)
+        def label(distance: np.ndarray, is_named: bool = False) -> np.ndarray:
+            """Labels of the rays at these distances from the tips, (m,)."""
+            starts = bases + distance[:, None] * along
+            return probe_points(self.camera, self._points, Rays(owner, point, starts), is_named)
 
-        def passes(far: np.ndarray) -> np.ndarray:
-            return label(far) == PASSES
+        def passes(distance: np.ndarray) -> np.ndarray:
+            return label(distance) == PASSES
 
         bounds = widened(passes, np.zeros(len(row)), limit, lambda far: 1.5 * far, _WIDENINGS)
         low, high = halved(passes, *bounds, _EDGE_STEPS)
@@ -235,31 +222,36 @@ class Apertures:
 
     def _passes(self, owner: np.ndarray, point: np.ndarray, starts: np.ndarray) -> np.ndarray:
         """Whether rays from sensor positions (m, 2) through points (m,) pass."""
-        return look(self.camera, self._points, Rays(owner, point, starts)) == PASSES
+        return probe_points(self.camera, self._points, Rays(owner, point, starts)) == PASSES
 
     def _find_bases(self, owner: np.ndarray, point: np.ndarray, bases: np.ndarray, limit: np.ndarray) -> np.ndarray:
         """Whether any light passes each point, (p,); dark bases move to a lit position."""
         lit = self._passes(owner, point, bases)
         dark = np.flatnonzero(~lit)
+        # Try the points of a spiral around each dark base, and take the middle one of those that are lit.
         number = np.arange(_SPREAD)
         spiral = np.sqrt(number / _SPREAD)[:, None] * unit_vectors(number * _GOLDEN_RAD)
-        tried = bases[dark, None] + limit[owner[dark], None, None] * spiral
-        passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(point[dark], _SPREAD), tried.reshape(-1, 2))
-        moved = inner_points(tried, passes.reshape(-1, _SPREAD))
+        trials = bases[dark, None] + limit[owner[dark], None, None] * spiral
+        passes = self._passes(np.repeat(owner[dark], _SPREAD), np.repeat(point[dark], _SPREAD), trials.reshape(-1, 2))
+        moved = inner_points(trials, passes.reshape(-1, _SPREAD))
         lit[dark] = ~np.isnan(moved[:, 0])
         bases[lit & np.isin(np.arange(len(lit)), dark)] = moved[lit[dark]]
         return lit
 
-    def _between_corners(self, tips: "_Tips", off: np.ndarray) -> Sectors:
-        """Sectors of pencils with corners, about their centroids, `off` their tips (p, 2), if those are lit."""
-        moved = tips.bases + off
-        passes = self._passes(tips.owner, tips.point, moved)
-        tips = tips._replace(bases=np.where(passes[:, None], moved, tips.bases))
-        rows = np.arange(len(off))
-        even = np.repeat(rows, DIRECTIONS), np.tile(even_angles(DIRECTIONS), len(rows))
-        label = self._edges(tips, even[0], unit_vectors(even[1]))[1].reshape(-1, DIRECTIONS)
+    def _between_corners(self, tips: "_Tips", offset: np.ndarray) -> Sectors:
+        """Sectors of pencils with corners, about their centroids, `offset` (p, 2) from their tips, if those are lit."""
+        # Move the tips to the centroids.
+        centroid = tips.bases + offset
+        passes = self._passes(tips.owner, tips.point, centroid)
+        tips = tips._replace(bases=np.where(passes[:, None], centroid, tips.bases))
+        # Find the corners, by the obstacles in even directions, and the directions of nodes between them.
+        rows = np.arange(len(offset))
+        row = np.repeat(rows, DIRECTIONS)
+        angle = np.tile(even_angles(DIRECTIONS), len(rows))
+        label = self._edges(tips, row, unit_vectors(angle))[1].reshape(-1, DIRECTIONS)
 
         def label_at(row: np.ndarray, angle: np.ndarray) -> np.ndarray:
+            """Obstacles at the boundary in other directions."""
             return self._edges(tips, row, unit_vectors(angle))[1]
 
         edge_corners = corners(label_at, rows, label, _CORNER_STEPS)
@@ -289,103 +281,11 @@ def _sectors(tips: _Tips, row: np.ndarray, angle: np.ndarray, radius: np.ndarray
 
 
 def _middles(radius: np.ndarray, blocker: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centroids of regions (p, directions) from their bases, and whether one aperture blocks all around, centred."""
-    area = np.maximum(1.5 * (radius**2).sum(axis=1), np.finfo(float).tiny)
-    off = (radius**3) @ unit_vectors(even_angles(DIRECTIONS)) / area[:, None]
-    has_one_obstacle = (blocker == blocker[:, :1]).all(axis=1)
-    return off, has_one_obstacle & (np.hypot(*off.T) < _OFF_CENTRE * radius.mean(axis=1))
-
-
-class _Points(NamedTuple):
-    """Rim points to try: the first one of each direction (n, d), their number, and their stride."""
-
-    first: np.ndarray
-    number: int
-    stride: int
-
-
-class Contours:
-    """Outer boundaries of light along directions (d, 2) from origins (n, 2).
-
-    `rims`: microlenses, and rings * RIM points around the aperture of each type. Several rings are for rims that are
-    dark because another face cuts the light.
+    """Centroids of regions (p, directions) relative to their bases, and whether their boundary is smooth: one aperture
+    blocks all around, and the base is near the centroid.
     """
-
-    def __init__(
-        self,
-        camera: CameraArrays,
-        rims: Pencils,
-        origins: Float64[np.ndarray, "n 2"],
-        directions: Float64[np.ndarray, "m 2"],
-    ) -> None:
-        self._camera, self._rims = camera, rims
-        self._origins, self._directions = origins, directions
-
-    def distances(self, outside: Float64[np.ndarray, "n d"], step: Float64[np.ndarray, "n"]) -> np.ndarray:
-        """Distances (n, d) on the sensor from the origins to where the light ends [mm]; NaN where none was found.
-
-        A position is lit if a ray from it through any of the rim points that are tried passes the camera.
-
-        `outside`: distance beyond which it is dark, approximately. The search runs inwards from there, because near the
-        middle a small pupil may be visible through the inside of the aperture only, and no rim point is lit.
-        `step`: shorter than the distance over which the rim stays lit once light has reached it.
-        """
-        # Step outwards until all coarse rim points are dark.
-        coarse = _Points(np.zeros(outside.shape, np.int64), _COARSE, _STRIDE)
-        step = np.broadcast_to(step[:, None], outside.shape)
-        _, high = self._darkened(outside, outside, step, coarse)
-        # Step inwards, as far as the origin, until one of them is lit: then the light ends between low and high.
-        low = high - step
-        lit_point = np.full(high.shape, -1)
-        for _ in range(_CONTOUR_WIDENINGS):
-            lit_point = np.where(lit_point < 0, self._lit(low, coarse), lit_point)
-            goes_on = (lit_point < 0) & (low > 0)
-            if not goes_on.any():
-                break
-            low, high = np.where(goes_on, low - step, low), np.where(goes_on, low, high)
-        # Bisect to where the last coarse point goes dark.
-        low, high, lit_point = self._bisected(low, high, lit_point, coarse, _COARSE_STEPS)
-        # Between that point and its neighbours the rim may be lit farther out: step outwards again, by fine points, and
-        # bisect.
-        fine = _Points(lit_point - _STRIDE, _FINE, _FINE_STRIDE)
-        low, high = self._darkened(low, high, high - low, fine)
-        low, high, _ = self._bisected(low, high, lit_point, fine, _FINE_STEPS)
-        return np.where(lit_point >= 0, (low + high) / 2, np.nan)
-
-    def _darkened(
-        self, low: np.ndarray, high: np.ndarray, step: np.ndarray, tried: _Points
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Outer bounds moved outwards by steps until they are dark; inner ones follow."""
-        return widened(lambda far: self._lit(far, tried) >= 0, low, high, lambda far: far + step, _CONTOUR_WIDENINGS)
-
-    def _bisected(
-        self, low: np.ndarray, high: np.ndarray, where: np.ndarray, tried: _Points, steps: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Narrowed brackets between light and dark, and the rim point that was lit last."""
-
-        def passes(distance: np.ndarray) -> np.ndarray:
-            nonlocal where
-            lit = self._lit(distance, tried)
-            where = np.where(lit >= 0, lit, where)
-            return lit >= 0
-
-        low, high = halved(passes, low, high, steps)
-        return low, high, where
-
-    def _lit(self, distance: np.ndarray, tried: _Points) -> np.ndarray:
-        """The middle one of the lit rim points, (n, d); -1: all are dark."""
-        first, count, stride = tried
-        n, d = distance.shape
-        point = (first[..., None] + stride * np.arange(count)) % RIM
-        starts = self._origins[:, None] + distance[..., None] * self._directions
-        rings = self._rims.points.shape[1] // RIM
-        points = point[..., None] + RIM * np.arange(rings)
-        each = count * rings
-        rays = Rays(np.repeat(np.arange(n), d * each), points.ravel(), np.repeat(starts.reshape(-1, 2), each, axis=0))
-        passes = (look(self._camera, self._rims, rays) == PASSES).reshape(n, d, count, rings).any(axis=3)
-        # The middle of the first run: far from each other two parts of the rim may be lit.
-        begins = np.argmax(passes & ~np.roll(passes, 1, axis=2), axis=2)[..., None]
-        run = np.take_along_axis(passes, (begins + np.arange(count)) % count, axis=2)
-        length = np.where(run.all(axis=2), count, np.argmin(run, axis=2))
-        middle = first + stride * begins[..., 0] + stride * (length - 1) // 2
-        return np.where(length > 0, middle % RIM, -1)
+    # A thin sector has its centroid at 2 r / 3: the centroid of all is the sum of r^3 u over 3/2 of the sum of r^2.
+    denominator = np.maximum(1.5 * (radius**2).sum(axis=1), np.finfo(float).tiny)
+    offset = (radius**3) @ unit_vectors(even_angles(DIRECTIONS)) / denominator[:, None]
+    has_one_obstacle = (blocker == blocker[:, :1]).all(axis=1)
+    return offset, has_one_obstacle & (np.hypot(*offset.T) < _OFF_CENTRE * radius.mean(axis=1))

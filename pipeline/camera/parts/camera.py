@@ -137,11 +137,12 @@ class Camera:
         vision_from_film = self.film.vision_from_film
         if vision_from_film is None:
             return
-        across_x, across_y, along = vision_from_film[:3, 2].tolist()
+        # Distance of the rim's nearest point from the plane, by the plane's normal.
+        normal_x, normal_y, normal_z = vision_from_film[:3, 2].tolist()
         rear = self.prescription.surfaces[-1]
         to_rim_mm = self.sensor_distance_mm - last_mm - rear.sag_mm(rear.semi_diameter_mm)
-        ahead_mm = along * to_rim_mm - math.hypot(across_x, across_y) * rear.semi_diameter_mm
-        if ahead_mm <= (self.microlenses.reach_mm if self.microlenses else 0.0) + LEAST_MM:
+        distance_mm = normal_z * to_rim_mm - math.hypot(normal_x, normal_y) * rear.semi_diameter_mm
+        if distance_mm <= (self.microlenses.reach_mm if self.microlenses else 0.0) + LEAST_MM:
             raise CameraError(
                 f"the plane of the sensor, tilted by {self.sensor.tilt_deg} deg, cuts the last surface of the lens",
                 hint="tilt it less, or move it back",
@@ -166,20 +167,21 @@ class Camera:
     def at(self, node: SpectralNode) -> "Camera":
         """The camera at a single wavelength: only its refractive indices differ."""
         surfaces = zip(self.prescription.surfaces, node.indices, strict=True)
-        bent = tuple(replace(surface, index=index) for surface, index in surfaces)
+        refracting = tuple(replace(surface, index=index) for surface, index in surfaces)
         array = self.microlenses
         if array is not None and node.microlens_index is not None:
             array = array.with_index(node.microlens_index)
-        prescription = replace(self.prescription, surfaces=bent, index_in_front=node.index_in_front)
+        prescription = replace(self.prescription, surfaces=refracting, index_in_front=node.index_in_front)
         return replace(self, prescription=prescription, microlenses=array, spectrum=())
 
     def behind(self, windows: Windows, wavelength_nm: float) -> "Camera":
         """The camera with windows in front of it; the wavelength is that of its own indices."""
-        media = [(node, windows.at(node.wavelength_nm)) for node in self.spectrum]
-        spectrum = tuple(
-            replace(node, indices=(*at.behind, *node.indices), index_in_front=at.index_in_front) for node, at in media
-        )
-        return replace(self, prescription=windows.before(self.prescription, wavelength_nm), spectrum=spectrum)
+        spectrum = []
+        for node in self.spectrum:
+            media = windows.at(node.wavelength_nm)
+            indices = (*media.behind, *node.indices)
+            spectrum.append(replace(node, indices=indices, index_in_front=media.index_in_front))
+        return replace(self, prescription=windows.before(self.prescription, wavelength_nm), spectrum=tuple(spectrum))
 
     def in_light(self, channel: Channel) -> "Camera":
         """The camera in one of its channels; its own indices become those of the mean wavelength."""

@@ -40,17 +40,21 @@ def lattice(array: MicrolensArray) -> Lattice:
     If the array states numbers of microlenses, the rectangle is rotated with them.
     """
     basis = array.pitch_mm * rotation(array) @ _basis(array)
-    counted = array.columns is not None
+    is_counted = array.columns is not None
     width, height = extent_mm(array)
-    half = math.hypot(width, height) / 2 if counted else 0.0
+    # List all indices in a parallelogram that holds the rectangle, at any rotation if that turns with the lattice.
+    half = math.hypot(width, height) / 2 if is_counted else 0.0
     corners = np.array([[x, y] for x in (-1, 1) for y in (-1, 1)]) * [half or width / 2, half or height / 2]
     reach = np.ceil(np.abs(np.linalg.solve(basis, corners.T)).max(axis=1)).astype(int) + 1
     l, k = np.mgrid[-reach[1] : reach[1] + 1, -reach[0] : reach[0] + 1].reshape(2, -1)
-    x, y = basis @ np.stack([k, l]).astype(float)
-    across, down = array.pitch_mm * _basis(array) @ np.stack([k, l]).astype(float) if counted else (x, y)
-    inside = _inside(across, width) & _inside(down, height)
+    # Keep those whose vertices lie in the rectangle.
+    indices = np.stack([k, l]).astype(float)
+    x, y = basis @ indices
+    in_rectangle = array.pitch_mm * _basis(array) @ indices if is_counted else (x, y)
+    inside = _inside(in_rectangle[0], width) & _inside(in_rectangle[1], height)
     k, l = k[inside], l[inside]
-    x, y, z = x[inside], y[inside], np.zeros(len(k))
+    x, y = x[inside], y[inside]
+    z = np.zeros(len(k))
     if array.is_tilted:
         x, y, z = tilt(array) @ np.stack([x, y, z])
     return Lattice(k, l, _types(array, k, l), x + array.offset_x_mm, y + array.offset_y_mm, z)
@@ -89,11 +93,10 @@ def cell(array: MicrolensArray) -> np.ndarray:
         return regular(6, along / 2, array.rotation_deg)
     a, b = (array.pitch_mm * rotation(array) @ _basis(array)).T
     neighbours = [a, b, -a, -b] if array.layout == "square" else [a, b, b - a, -a, -b, a - b]
-    following = neighbours[1:] + neighbours[:1]
     # A corner is as far from the vertex as from two neighbours that follow one another.
+    pairs = zip(neighbours, neighbours[1:] + neighbours[:1], strict=True)
     corners = [
-        np.linalg.solve(np.array([first, second]), [first @ first / 2, second @ second / 2])
-        for first, second in zip(neighbours, following, strict=True)
+        np.linalg.solve(np.array([first, second]), [first @ first / 2, second @ second / 2]) for first, second in pairs
     ]
     return np.array(corners)
 
@@ -110,6 +113,7 @@ def _basis(array: MicrolensArray) -> np.ndarray:
 
 
 def _types(array: MicrolensArray, k: np.ndarray, l: np.ndarray) -> np.ndarray:
+    """Types of microlenses (k, l), by the array's table or the rule for three types."""
     if array.type_period is not None:
         along, across = array.type_period
         return np.array(array.type_table)[l % across * along + k % along]
@@ -117,4 +121,5 @@ def _types(array: MicrolensArray, k: np.ndarray, l: np.ndarray) -> np.ndarray:
 
 
 def _inside(position: np.ndarray, extent: float) -> np.ndarray:
+    """Whether coordinates lie in [-extent / 2, extent / 2), to the tolerance."""
     return (position >= -extent / 2 - _TOLERANCE_MM) & (position < extent / 2 - _TOLERANCE_MM)

@@ -110,7 +110,7 @@ def face_table(faces: Faces, cell: Float64[np.ndarray, "n 2"], radius_mm: float 
 
 
 def append_edges(row: Float64[np.ndarray, "n"], cell: Float64[np.ndarray, "m 2"] | None) -> np.ndarray:
-    """A row of a table with a polygonal aperture, or with room for one."""
+    """A row of a table with a polygonal aperture, given by its corners, or with empty columns for one."""
     base = row[: column.COEFFICIENTS].copy()
     edges = np.zeros(0)
     if cell is not None:
@@ -195,6 +195,7 @@ class MicrolensArray:
             _ = self.first_orders
 
     def _check_lattice(self) -> None:
+        """Raise a CameraError if extent, pitches or apertures are missing, stated twice or impossible."""
         if (self.width_mm is None or self.height_mm is None) == (self.columns is None or self.rows is None):
             raise CameraError(
                 "the size of the array is not stated, or twice", hint="give width and height, or columns and rows"
@@ -217,6 +218,7 @@ class MicrolensArray:
             )
 
     def _check_types(self) -> None:
+        """Raise a CameraError if the table of types does not fit its period or the focal lengths."""
         count = len(self.focal_lengths_mm)
         if bool(self.type_table) != (self.type_period is not None):
             raise CameraError(

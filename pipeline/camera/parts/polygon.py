@@ -38,12 +38,12 @@ def fan(polygon, count, cumulative):
 
 
 @inline
-def triangle_of(cumulative, count, wanted, first):
-    """Number of the first triangle of a fan up to which the areas exceed `wanted`, searched from number `first` on."""
+def triangle_of(cumulative, count, area, first):
+    """Number of the first triangle of a fan up to which the areas exceed `area`, searched from number `first` on."""
     i = min(first, count - 1)
-    while i > 0 and cumulative[i - 1] > wanted:
+    while i > 0 and cumulative[i - 1] > area:
         i -= 1
-    while i < count - 1 and cumulative[i] <= wanted:
+    while i < count - 1 and cumulative[i] <= area:
         i += 1
     return i
 
@@ -51,11 +51,10 @@ def triangle_of(cumulative, count, wanted, first):
 @inline
 def point_in_fan(polygon, count, cumulative, cx, cy, u, v):
     """Map the unit square onto the polygon, uniform in area: u picks triangle and angle, sqrt(v) the radius."""
-    area = cumulative[count - 1]
-    wanted = u * area
-    i = triangle_of(cumulative, count, wanted, int(u * count))
+    area_to_point = u * cumulative[count - 1]
+    i = triangle_of(cumulative, count, area_to_point, int(u * count))
     below = cumulative[i - 1] if i > 0 else 0.0
-    share = (wanted - below) / (cumulative[i] - below)
+    share = (area_to_point - below) / (cumulative[i] - below)
     j = i + 1 if i + 1 < count else 0
     radius = math.sqrt(v)
     ex = (1.0 - share) * (polygon[i, 0] - cx) + share * (polygon[j, 0] - cx)
@@ -69,11 +68,12 @@ def clip(polygon, count, nx, ny, limit, scratch):
 
     Algorithm of Sutherland and Hodgman, Commun. ACM 17, 1974, 32.
     """
-    crosses = False
+    is_cut = False
     for i in range(count):
-        crosses |= nx * polygon[i, 0] + ny * polygon[i, 1] > limit
-    if not crosses:
+        is_cut |= nx * polygon[i, 0] + ny * polygon[i, 1] > limit
+    if not is_cut:
         return count
+    # Keep vertices inside, and add one where an edge crosses the line.
     kept = 0
     for i in range(count):
         j = i + 1 if i + 1 < count else 0

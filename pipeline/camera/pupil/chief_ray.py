@@ -47,23 +47,23 @@ def chief_slopes(
 
     Raises CameraError: the rear group lets no such ray through.
     """
-    across = points_mm[:, :2]
-    ahead = (table[0, VERTEX] - points_mm[:, 2])[:, None]
+    xy_mm = points_mm[:, :2]
+    to_rear_mm = (table[0, VERTEX] - points_mm[:, 2])[:, None]
     if not is_centred(table[: stop_row + 1]):
         crossing = chief_crossings(table, stop_row, points_mm)
         if np.isnan(crossing).any():
-            x, y = across[np.argmax(np.isnan(crossing[:, 0]))]
+            x, y = xy_mm[np.argmax(np.isnan(crossing[:, 0]))]
             raise CameraError(_NO_CHIEF_RAY.format(f"({x:.4g}, {y:.4g})"), hint=TOO_WIDE)
-        return (crossing - across) / ahead
-    # The crossing is an odd, smooth function of the height: trace each height once.
-    height = np.hypot(*across.T)
+        return (crossing - xy_mm) / to_rear_mm
+    # In a centred lens the crossing depends on the height of a point alone: trace each height once.
+    height = np.hypot(*xy_mm.T)
     unique, row_of = np.unique(np.stack([height, points_mm[:, 2]], axis=1), axis=0, return_inverse=True)
     crossing_at = chief_heights(table, stop_row, unique[:, 1], unique[:, 0])
     if np.isnan(crossing_at).any():
         raise CameraError(_NO_CHIEF_RAY.format(f"{unique[np.isnan(crossing_at), 0].max():.4g}"), hint=TOO_WIDE)
     crossing = crossing_at[row_of.reshape(-1)]
-    outward = np.divide(across, height[:, None], out=np.zeros_like(across), where=height[:, None] > 0)
-    return (crossing - height)[:, None] * outward / ahead
+    outward = np.divide(xy_mm, height[:, None], out=np.zeros_like(xy_mm), where=height[:, None] > 0)
+    return (crossing - height)[:, None] * outward / to_rear_mm
 
 
 def chief_crossings(
@@ -78,26 +78,22 @@ def chief_crossings(
     crossing, miss = _nearest_start(rear, points_mm)
     for _ in range(_STEPS):
         # Find the Newton step from a Jacobian by finite differences.
-        jacobian = np.stack(
-            [
-                (_stop_miss(rear, points_mm, crossing + step) - miss) / _DIFFERENCE_MM
-                for step in _DIFFERENCE_MM * np.eye(2)
-            ],
-            axis=2,
-        )
+        ends = [_stop_miss(rear, points_mm, crossing + step) for step in _DIFFERENCE_MM * np.eye(2)]
+        jacobian = np.stack([(end - miss) / _DIFFERENCE_MM for end in ends], axis=2)
         regular = np.isfinite(jacobian).all(axis=(1, 2))
         regular[regular] = np.linalg.det(jacobian[regular]) != 0
-        wanted = np.zeros_like(crossing)
-        wanted[regular] = np.linalg.solve(jacobian[regular], miss[regular, :, None])[..., 0]
+        step = np.zeros_like(crossing)
+        step[regular] = np.linalg.solve(jacobian[regular], miss[regular, :, None])[..., 0]
         # Halve the steps that come no nearer to the centre of the stop.
-        open_ = _length(miss) > _TOLERANCE_MM
+        searches = _length(miss) > _TOLERANCE_MM
         for halving in range(_HALVINGS):
-            trial = crossing - wanted / 2**halving
+            trial = crossing - step / 2**halving
             trial_miss = _stop_miss(rear, points_mm, trial)
-            better = open_ & (_length(trial_miss) < _length(miss))
-            crossing, miss = np.where(better[:, None], trial, crossing), np.where(better[:, None], trial_miss, miss)
-            open_ &= ~better
-            if not open_.any():
+            better = searches & (_length(trial_miss) < _length(miss))
+            crossing = np.where(better[:, None], trial, crossing)
+            miss = np.where(better[:, None], trial_miss, miss)
+            searches &= ~better
+            if not searches.any():
                 break
         if not (_length(miss) > _TOLERANCE_MM).any():
             break
@@ -120,7 +116,8 @@ def _nearest_start(rear: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np
         trial = motion_of(rear[0], ENTRY)[:2, 3] + share * points[:, :2]
         trial_miss = _stop_miss(rear, points, trial)
         better = (_length(trial_miss) < _length(miss))[:, None]
-        crossing, miss = np.where(better, trial, crossing), np.where(better, trial_miss, miss)
+        crossing = np.where(better, trial, crossing)
+        miss = np.where(better, trial_miss, miss)
     return crossing, miss
 
 
@@ -132,6 +129,7 @@ def _stop_miss(rear: np.ndarray, points: np.ndarray, crossings: np.ndarray) -> n
 
 
 def _length(vectors: np.ndarray) -> np.ndarray:
+    """Lengths of vectors (n, 2)."""
     return np.hypot(vectors[:, 0], vectors[:, 1])
 
 
@@ -147,13 +145,13 @@ def chief_heights(
     it fails the crossing is bracketed; NaN where the rear group lets no such ray through. [mm]
     """
     rear = unbounded(table[: stop_row + 1])  # The chief ray may lie outside of the clear apertures.
-    if np.isclose(rear[-1, 0], rear[0, 0]):
+    if np.isclose(rear[-1, VERTEX], rear[0, VERTEX]):  # the stop is at the rear vertex plane
         return np.zeros_like(heights)
-    newer, miss = _by_secants(rear, plane_mm, heights)
+    crossing, miss = _by_secants(rear, plane_mm, heights)
     planes = np.broadcast_to(plane_mm, heights.shape)
     for row in np.flatnonzero(~(np.abs(miss) < _ACCEPTED_MM)):
-        newer[row] = _by_bisection(rear, float(planes[row]), float(heights[row]))
-    return newer
+        crossing[row] = _by_bisection(rear, float(planes[row]), float(heights[row]))
+    return crossing
 
 
 def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -164,9 +162,10 @@ def _by_secants(rear: np.ndarray, plane_mm: float | np.ndarray, heights: np.ndar
     for _ in range(_STEPS):
         slope = (miss_newer - miss_older) / np.where(newer == older, 1.0, newer - older)
         done = (np.abs(miss_newer) < _TOLERANCE_MM) | (slope == 0)
-        following = np.where(done, newer, newer - miss_newer / np.where(slope == 0, 1.0, slope))
+        newest = np.where(done, newer, newer - miss_newer / np.where(slope == 0, 1.0, slope))
         older, miss_older = newer, miss_newer
-        newer, miss_newer = following, _stop_height(rear, plane_mm, heights, following)
+        newer = newest
+        miss_newer = _stop_height(rear, plane_mm, heights, newest)
     return newer, miss_newer
 
 
@@ -175,24 +174,29 @@ def _by_bisection(rear: np.ndarray, plane_mm: float, height_mm: float) -> float:
 
     Among several crossings, the one nearest to the paraxial crossing.
     """
-    near = np.array([1e-3 * height_mm])
-    per_mm = float(_by_secants(rear, plane_mm, near)[0][0] / near[0])
-    reach = _REACHES * float(np.abs(per_mm * height_mm) + np.abs(rear[0, VERTEX] - plane_mm))
+    # Extrapolate the paraxial crossing from a ray near the axis.
+    paraxial_height = np.array([1e-3 * height_mm])
+    per_mm = float(_by_secants(rear, plane_mm, paraxial_height)[0][0] / paraxial_height[0])
+    paraxial = per_mm * height_mm
+    # Scan crossings for changes of sign, and take the one nearest to it.
+    reach = _REACHES * float(np.abs(paraxial) + np.abs(rear[0, VERTEX] - plane_mm))
     crossings = np.linspace(-reach, reach, _TRIED)
-    points = np.full(_TRIED, height_mm)
-    miss = _stop_height(rear, plane_mm, points, crossings)
-    ends = np.flatnonzero(miss[1:] * miss[:-1] <= 0)
-    if not len(ends) or not np.isfinite(per_mm):
+    heights = np.full(_TRIED, height_mm)
+    miss = _stop_height(rear, plane_mm, heights, crossings)
+    changes = np.flatnonzero(miss[1:] * miss[:-1] <= 0)
+    if not len(changes) or not np.isfinite(per_mm):
         return float("nan")
-    first = ends[np.argmin(np.abs(crossings[ends] - per_mm * height_mm))]
+    first = changes[np.argmin(np.abs(crossings[changes] - paraxial))]
     sign = np.sign(miss[first + 1] - miss[first])
 
-    def is_short(crossing: np.ndarray) -> np.ndarray:
-        return ~(sign * _stop_height(rear, plane_mm, points[:1], crossing) > 0)
+    def is_before(crossing: np.ndarray) -> np.ndarray:
+        """Whether the root lies beyond a crossing."""
+        return ~(sign * _stop_height(rear, plane_mm, heights[:1], crossing) > 0)
 
-    _, crossing = halved(is_short, crossings[[first]], crossings[[first + 1]], _BISECTIONS)
-    left = _stop_height(rear, plane_mm, points[:1], crossing)
-    return float(crossing[0]) if abs(left[0]) < _ACCEPTED_MM else float("nan")
+    # Bisect, and reject a change of sign that is a gap.
+    _, crossing = halved(is_before, crossings[[first]], crossings[[first + 1]], _BISECTIONS)
+    remaining = _stop_height(rear, plane_mm, heights[:1], crossing)
+    return float(crossing[0]) if abs(remaining[0]) < _ACCEPTED_MM else float("nan")
 
 
 def _stop_height(

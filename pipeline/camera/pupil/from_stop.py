@@ -68,35 +68,39 @@ class PupilFan:
 
     def aims(self, point_mm: Float64[np.ndarray, "3"]) -> np.ndarray:
         """Points around the chief ray of a point, across it where it leaves the lens, (n, 3) vision frame."""
+        # Interpolate between the two rays of the fan on either side of the point.
         past = self.past_mm(point_mm[None])[0]
         row = int(np.argmax(past <= 0)) if (past <= 0).any() else len(past) - 1
         share = past[row - 1] / (past[row - 1] - past[row]) if row and past[row] <= 0 else 1.0
         columns = (self.height_mm, self.z_mm, self.angle_rad, self.along_mm, self.across_mm)
         height, z, angle, *semi_mm = ((1 - share) * column[row - 1] + share * column[row] for column in columns)
-        length = np.hypot(*point_mm[:2])
-        outward = point_mm[:2] / length if length > 0 else np.array([1.0, 0.0])
-        across = np.append(np.cos(angle) * outward, -np.sin(angle))
-        side = np.array([-outward[1], outward[0], 0.0])
-        return np.append(height * outward, z) + _DISC * semi_mm @ np.stack([across, side])
+        # Turn the ray to the azimuth of the point, and spread the disc across it.
+        off_axis = np.hypot(*point_mm[:2])
+        outward = point_mm[:2] / off_axis if off_axis > 0 else np.array([1.0, 0.0])
+        meridional = np.append(np.cos(angle) * outward, -np.sin(angle))
+        sagittal = np.array([-outward[1], outward[0], 0.0])
+        return np.append(height * outward, z) + _DISC * semi_mm @ np.stack([meridional, sagittal])
 
 
 @functools.lru_cache(maxsize=64)
 def pupil_fan(prescription: Prescription) -> PupilFan:
     """Trace the fan of a lens; rays of a stop in front leave as they start."""
+    # Trace rays from the centre of the stop through the surfaces in front of it, as far as they pass.
     table = enclosing(towards_scene(prescription))[len(prescription.surfaces) - prescription.stop_index :].copy()
     table[:, POSE] = 0.0
-    before = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
     start = np.pi / 2 * np.arange(_RAYS) / _RAYS
     direction = np.column_stack([np.sin(start), np.zeros(_RAYS), np.cos(start)])
     position, direction, passes = traced(table, np.zeros((_RAYS, 3)), direction)
     count = _RAYS if passes.all() else max(2, int(np.argmin(passes)))  # a stop without light still has an axis
+    start = start[:count]
     angle = np.arctan2(direction[:count, 0], direction[:count, 2])
-    # By the invariant of Lagrange, along the meridional plane and across it.
-    semi_mm = _SPREAD * before * prescription.stop.semi_diameter_mm
+    # Widths of the pencils by the invariant of Lagrange, in the meridional plane and across it.
+    index_at_stop = prescription.surfaces[prescription.stop_index - 1].index if prescription.stop_index else 1.0
+    semi_mm = _SPREAD * index_at_stop * prescription.stop.semi_diameter_mm
     sine = np.maximum(np.sin(angle), 1e-12)
     with np.errstate(divide="ignore"):  # parallel rays: the pupil of a telecentric lens is as wide as its field
-        along = np.cos(start[:count]) / np.gradient(angle, start[:count])
-    across = np.where(start[:count] > 0, np.sin(start[:count]) / sine, along)
+        along = np.cos(start) / np.gradient(angle, start)
+    across = np.where(start > 0, np.sin(start) / sine, along)
     return PupilFan(np.abs(position[:count, 0]), position[:count, 2], angle, semi_mm * np.abs(along), semi_mm * across)
 
 
@@ -110,5 +114,5 @@ def is_steep(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) 
 def depths_mm(prescription: Prescription, points_mm: Float64[np.ndarray, "n 3"]) -> Float64[np.ndarray, "n"]:
     """Depths of points, (n,): vision z, or for steep points that of a point on the axis at their distance."""
     front = np.array([0.0, 0.0, pupil_fan(prescription).z_mm[0]])
-    along = front[2] + np.linalg.norm(points_mm - front, axis=1)
-    return np.where(is_steep(prescription, points_mm), along, points_mm[:, 2])
+    by_distance = front[2] + np.linalg.norm(points_mm - front, axis=1)
+    return np.where(is_steep(prescription, points_mm), by_distance, points_mm[:, 2])

@@ -106,16 +106,18 @@ def _vertices(support: np.ndarray, margin: float) -> np.ndarray:
     # of the interpolation in it. A dark height beside a lit one takes that one's outline, joined with its
     # extrapolation: light may end anywhere in between.
     normals = directions_of(DIRECTIONS)
-    beyond = np.pad(support, ((2, 2), (0, 0)), constant_values=np.nan)
-    for beside, before in ((beyond[1:-3], beyond[:-4]), (beyond[3:-1], beyond[4:])):
-        motion = np.nan_to_num((corners(beside) - corners(before)).mean(axis=1))
-        support = np.where(np.isnan(support), np.fmax(beside, beside + motion @ normals.T), support)
+    # Extrapolate from the two heights on either side: the nearest, and the one beyond it.
+    padded = np.pad(support, ((2, 2), (0, 0)), constant_values=np.nan)
+    for nearest, second in ((padded[1:-3], padded[:-4]), (padded[3:-1], padded[4:])):
+        motion = np.nan_to_num((corners(nearest) - corners(second)).mean(axis=1))
+        support = np.where(np.isnan(support), np.fmax(nearest, nearest + motion @ normals.T), support)
+    # Inflate about the centre, and widen where supports bend.
     bounds = corners(support)
     centre = bounds.mean(axis=1, keepdims=True)
     bend = np.pad(np.nan_to_num(np.abs(np.diff(support, 2, axis=0))), ((2, 2), (0, 0))) / 2
     bend = np.maximum.reduce([bend[:-2], bend[1:-1], bend[2:]])
-    wide = np.maximum(bend - margin / 2 * (support - centre[:, 0] @ normals.T), 0.0).max(axis=1, keepdims=True)
-    return np.nan_to_num(centre + (1 + margin) * (bounds - centre) + corners(wide + 0 * support))
+    widening = np.maximum(bend - margin / 2 * (support - centre[:, 0] @ normals.T), 0.0).max(axis=1, keepdims=True)
+    return np.nan_to_num(centre + (1 + margin) * (bounds - centre) + corners(widening + 0 * support))
 
 
 def passes(
@@ -153,12 +155,16 @@ def edges(
     bisections: int,
     slack_mm: float,
 ) -> np.ndarray:
-    """First blocked point in every direction from a passing one by bisection, (n, directions, 2)."""
+    """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
+
+    `slack_mm`: added to the distance of 2.5 semi-diameters of the rear surface at which rays are surely blocked.
+    """
     ray = directions_of(directions)
     shape = (len(inside), directions)
     farthest = np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
 
     def passing(far: np.ndarray) -> np.ndarray:
+        """Whether rays at these distances from the inner points pass, (n, directions)."""
         return passes(table, starts[:, None], inside[:, None] + far[..., None] * ray)
 
     _, dark = halved(passing, np.zeros(shape), farthest, bisections)
@@ -202,6 +208,7 @@ def lit_share(
     table = enclosing(table)
 
     def is_lit(shares: np.ndarray) -> np.ndarray:
+        """Whether light arrives at these shares of the distance."""
         points = start_mm + shares[:, None] * (end_mm - start_mm)
         # First through the centre of the stop, which may be narrow, and else over the whole rear surface.
         crossings = passing_points(table, points, chief_crossings(table, stop_row, points), np.zeros(2))
@@ -238,15 +245,17 @@ def grid_outlines(
     # Trace the outline at every node, and the drift from node to node.
     traced = _traced(table, stop_row, starts).reshape(rows, columns, DIRECTIONS)
     centre = corners(traced).mean(axis=2)
-    along = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
-    finite = along[~np.isnan(along)]
+    motions = np.concatenate([np.diff(centre[..., 0], axis=1).ravel(), np.diff(centre[..., 1], axis=0).ravel()]) / step
+    finite = motions[~np.isnan(motions)]
     drift = float(np.median(finite)) if finite.size else 0.0
-    # Extend outlines into the dark, and widen them by the margin and the error of interpolation.
+    # Extend outlines into the dark, and widen them by the margin, the error of interpolation, and what may change
+    # beside the drift within the slack.
     shift = drift * step * directions_of(DIRECTIONS)
-    reach = _continued(traced, shift)
-    wide = np.nan_to_num(_bend(reach) + slack_mm / step * _slope(reach, shift))
-    reach += margin * (reach - corners(reach).mean(axis=2) @ directions_of(DIRECTIONS).T) + wide[..., None]
-    return Outlines(step, np.nan_to_num(corners(reach)), drift)
+    support = _continued(traced, shift)
+    widening = np.nan_to_num(_bend(support) + slack_mm / step * _slope(support, shift))
+    centre_support = corners(support).mean(axis=2) @ directions_of(DIRECTIONS).T
+    support += margin * (support - centre_support) + widening[..., None]
+    return Outlines(step, np.nan_to_num(corners(support)), drift)
 
 
 def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
@@ -261,40 +270,40 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
     return result
 
 
-def _continued(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _continued(support: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Supports extended by those of lit neighbours, moved by the drift, in two rings around the lit part."""
     # Where light ends between two points the outline must not shrink to nothing before the light does.
     for _ in range(_DARK_RINGS):
-        padded = np.pad(reach, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
-        rows, columns = reach.shape[:2]
+        padded = np.pad(support, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+        rows, columns = support.shape[:2]
         nearby = [
             padded[1 + j : 1 + j + rows, 1 + i : 1 + i + columns] - shift @ np.array([i, j])
             for j in (-1, 0, 1)
             for i in (-1, 0, 1)
         ]
-        reach = np.where(np.isnan(reach), np.fmax.reduce(nearby), reach)
-    return reach
+        support = np.where(np.isnan(support), np.fmax.reduce(nearby), support)
+    return support
 
 
-def _bend(reach: np.ndarray) -> np.ndarray:
+def _bend(support: np.ndarray) -> np.ndarray:
     """Largest interpolation error of a support next to each point, (rows, columns)."""
     # Half of the larger second difference at both ends of an interval bounds the error of the interpolation in it, also
     # where a kink lies inside: vignetting begins there.
-    total = np.zeros(reach.shape[:2])
+    total = np.zeros(support.shape[:2])
     for axis in (0, 1):
-        second = np.nan_to_num(np.abs(np.diff(reach, 2, axis=axis)).max(axis=2))
-        around = np.pad(second, [(2, 2) if a == axis else (1, 1) for a in (0, 1)])
-        total += np.lib.stride_tricks.sliding_window_view(around, (3, 3)).max(axis=(2, 3)) / 2
+        second = np.nan_to_num(np.abs(np.diff(support, 2, axis=axis)).max(axis=2))
+        padded = np.pad(second, [(2, 2) if a == axis else (1, 1) for a in (0, 1)])
+        total += np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).max(axis=(2, 3)) / 2
     return total
 
 
-def _slope(reach: np.ndarray, shift: np.ndarray) -> np.ndarray:
+def _slope(support: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Largest change of a support from a point to the next, less the drift, (rows, columns)."""
-    squared = np.zeros(reach.shape[:2])
+    squared = np.zeros(support.shape[:2])
     for axis in (0, 1):
-        change = np.abs(np.diff(reach, axis=axis) - shift[:, 1 - axis])
+        change = np.abs(np.diff(support, axis=axis) - shift[:, 1 - axis])
         ends = [(1, 1) if a == axis else (0, 0) for a in (0, 1)]
-        of_steps = np.pad(np.nan_to_num(change.max(axis=2)), ends)
-        # The larger of the steps to both neighbours.
-        squared += np.lib.stride_tricks.sliding_window_view(of_steps, 2, axis=axis).max(axis=-1) ** 2
+        largest = np.pad(np.nan_to_num(change.max(axis=2)), ends)
+        # The larger of the changes to both neighbours.
+        squared += np.lib.stride_tricks.sliding_window_view(largest, 2, axis=axis).max(axis=-1) ** 2
     return np.sqrt(squared)

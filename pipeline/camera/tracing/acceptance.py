@@ -81,6 +81,10 @@ def _circle(acceptance, roll_off, off):
 
 @inline
 def _piece_weight(off, start, end, acceptance):
+    """Integral of G d phi along a piece of a line in the plane at distance 1.
+
+    `off`: signed distance of the line from the axis; `start`, `end`: positions along it, from the foot of the axis.
+    """
     middle = 0.5 * (start + end)
     if (
         acceptance.half_angle > 0.0
@@ -123,6 +127,7 @@ def _inner_weight(squared, acceptance):
 
 @inline
 def _inner_area(squared, acceptance):
+    """G by area, the integral of A tan / cos^2 from 0 to theta, in a plane at distance 1."""
     power = acceptance.power
     if power == 2.0:
         return 0.5 * math.log1p(squared)
@@ -149,7 +154,7 @@ def disc_weight(radius, x, y, distance):
     pi times the view factor of a parallel disc: Howell, A Catalog of Radiation Heat Transfer Configuration Factors.
     """
     a, h, r = x * x + y * y, distance * distance, radius * radius
-    both = a + h + r
-    root = math.sqrt(both * both - 4.0 * r * a)
+    total = a + h + r
+    root = math.sqrt(total * total - 4.0 * r * a)
     # 1 - (a + h - r) / root without its cancellation.
     return 0.5 * math.pi * 4.0 * r * h / (root * (root + a + h - r))

@@ -30,6 +30,8 @@ _AT_ONCE = 2
 
 
 class Blocks(NamedTuple):
+    """Blocks of the sensor, each with a square grid of nodes."""
+
     microlens: np.ndarray  # (b,) int64, microlens of each block, or `NO_MICROLENS`
     centre_mm: np.ndarray  # (b, 2) float64, vision frame
     step_mm: np.ndarray  # (b,) float64, distance of the nodes, which lie around the centre
@@ -45,6 +47,7 @@ class Beams(NamedTuple):
 
 
 def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
+    """Trace the rays of all nodes of blocks, which no aperture of the main lens blocks."""
     shape = len(blocks.microlens), NODES * NODES, RAYS, 3
     beams = Beams(np.empty(shape), np.empty(shape), np.zeros(shape[0], bool))
     _trace(camera._replace(table=unbounded(camera.table)), blocks, beams)
@@ -54,9 +57,12 @@ def beams_of(camera: CameraArrays, blocks: Blocks) -> Beams:
 
 @kernel
 def _trace(camera, blocks, beams):
-    region, packet = new_region(), new_packet()
-    start_x, start_y, owner = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
+    """Write the rays of blocks, with a camera whose table has no apertures."""
+    region = new_region()
+    packet = new_packet()
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     start = SensorPoints(start_x, start_y)
+    owner = np.empty(PACKET, np.int64)
     aperture, outlines = camera.aperture, camera.outlines
     x, y, z, dx, dy, dz, alive, _, _ = packet
     polygon = region.polygon
@@ -65,6 +71,7 @@ def _trace(camera, blocks, beams):
         microlens = blocks.microlens[b]
         beams.is_complete[b] = True
         for first in range(0, NODES * NODES, _AT_ONCE * NODES):
+            # Lay out the rays of some rows of nodes: their starts, and points of the polygon that bounds them.
             for i in range(_AT_ONCE * NODES):
                 up, across = (first + i) // NODES, (first + i) % NODES
                 sx = blocks.centre_mm[b, 0] + (across - 0.5 * (NODES - 1)) * blocks.step_mm[b]
@@ -81,10 +88,12 @@ def _trace(camera, blocks, beams):
                 of_node = slice(i * RAYS, (i + 1) * RAYS)
                 _spread(polygon, count, x[of_node], y[of_node])
                 start_x[of_node], start_y[of_node], owner[of_node] = sx, sy, b
+            # Trace them, also those that miss the disc of their microlens.
             aim_mixed(camera, blocks.microlens, owner, start, size, packet)
             for i in range(size):
                 alive[i] = 1.0
             trace_packet(camera.table, packet, size)
+            # Write them, and whether all leave the lens.
             for i in range(size):
                 node, k = first + i // RAYS, i % RAYS
                 beams.origin[b, node, k, 0], beams.origin[b, node, k, 1], beams.origin[b, node, k, 2] = x[i], y[i], z[i]

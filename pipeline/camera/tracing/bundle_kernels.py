@@ -43,7 +43,8 @@ def bound_bundle(camera, samples, starts, n, region, row):
     """
     _, anchors, positions, microlens = starts
     square = samples.edge_mm
-    sx, sy, ax, ay = positions[n, 0], positions[n, 1], anchors[n, 0], anchors[n, 1]
+    sx, sy = positions[n, 0], positions[n, 1]
+    ax, ay = anchors[n, 0], anchors[n, 1]
     for k in range(row.shape[0]):
         row[k] = math.nan
     row[WEIGHT] = 0.0
@@ -51,6 +52,7 @@ def bound_bundle(camera, samples, starts, n, region, row):
     if microlens[n] == SKIP:
         return Fan(0, 0.0, 0.0, 0.0)
     if microlens[n] >= 0:
+        # The mean over the square by Gauss's rule with two nodes along each axis.
         points = 4 if square > 0.0 else 1
         off = _GAUSS * square
         for i in range(points):
@@ -175,9 +177,13 @@ def image_rays(camera, samples, squares, diffraction, rays):
 
     With diffraction, a ray that arrives in a square starts where it would arrive by geometry.
     """
-    region, packet = new_region(), new_packet()
-    start_x, start_y, area, held_by = np.empty(PACKET), np.empty(PACKET), np.empty(PACKET), np.empty(PACKET, np.int64)
-    start, x, y = SensorPoints(start_x, start_y), packet.x, packet.y
+    region = new_region()
+    packet = new_packet()
+    x, y = packet.x, packet.y
+    start_x, start_y = np.empty(PACKET), np.empty(PACKET)
+    start = SensorPoints(start_x, start_y)
+    # Of each ray in the packet: area of the sampling region per ray, and its square and stratum in one number.
+    area, held_by = np.empty(PACKET), np.empty(PACKET, np.int64)
     microlens_of = squares.strata.reshape(-1)
     reach = reach_of(samples, diffraction)
     held = 0
@@ -185,12 +191,14 @@ def image_rays(camera, samples, squares, diffraction, rays):
     strata = squares.strata.shape[1]
     for n in range(squares.positions.shape[0]):
         for j in range(strata):
+            # Bound the rays from a square through one of its microlenses.
             microlens = squares.strata[n, j]
             if microlens == SKIP:
                 continue
             fan = bound(camera, microlens, squares.positions[n, 0], squares.positions[n, 1], reach, region)
             if not fan.area > 0.0:
                 continue
+            # Add them to the packet, and trace it whenever no more fit.
             count = squares.counts[n, j]
             for first in range(0, count, PACKET):
                 size = min(PACKET, count - first)

@@ -63,7 +63,8 @@ def towards_microlens(camera, microlens, start, size, packet):
     row = camera.microlenses[microlens]
     turn = camera.elements.turn
     vx, vy = row[X], row[Y]
-    h, below = row[AIM], camera.optics.sensor_z_mm - row[Z]
+    h = row[AIM]
+    below = camera.optics.sensor_z_mm - row[Z]
     for i in range(size):
         start_x, start_y = start.x[i], start.y[i]
         sx, sy = (packet.x[i] - start_x) / h, (packet.y[i] - start_y) / h
@@ -124,7 +125,8 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
     If a plane face comes first, Newton's method solves Snell's law for the slope u in front of it: gap u + slab u /
     sqrt(n^2 + (n^2 - 1) u^2) is the distance across.
     """
-    turn, bends = camera.elements.turn, camera.elements.bends
+    turn = camera.elements.turn
+    bends = camera.elements.bends
     row = camera.microlenses[microlens]
     sensor_z = camera.optics.sensor_z_mm
     if camera.elements.model == PLAIN:
@@ -134,7 +136,8 @@ def aim_for(camera, microlens, sx, sy, px, py, pz):
     x, y, z = turned(turn, sx - row[X], sy - row[Y], sensor_z - row[Z])
     across_x, across_y = px - x, py - y
     if bends[kind, IN_FRONT] > 0.0:
-        gap, slab, n2 = -z, pz, bends[kind, INDEX] ** 2
+        gap, slab = -z, pz
+        n2 = bends[kind, INDEX] ** 2
         across = math.sqrt(across_x * across_x + across_y * across_y)
         u = across / (gap + slab / bends[kind, INDEX])
         for _ in range(6):

@@ -44,6 +44,7 @@ def element_tables(array: MicrolensArray) -> np.ndarray:
     outline = cell(array)
     radius = None if array.disc_diameter_mm is None else array.disc_diameter_mm / 2
     if array.model == "thin":
+        # A plane that bends no ray: the kernel of thin microlenses does.
         plane = np.zeros(COEFFICIENTS)
         plane[INDEX_RATIO] = 1.0
         row = append_edges(plane, outline if radius is None else None)
@@ -74,12 +75,13 @@ def camera_arrays(
     aperture = np.zeros((0, 2))
     elements = Elements(PLAIN, 0.0, np.eye(3), np.zeros((1, 1, 1)), np.zeros((1, column.BENDS)), np.zeros((1, 1, 3)))
     if array is not None:
-        radius = array.disc_diameter_mm
-        aperture = cell(array) if radius is None else regular(_DISC_SIDES, _OUTSIDE * radius / 2, 0.0)
+        diameter = array.disc_diameter_mm
+        aperture = cell(array) if diameter is None else regular(_DISC_SIDES, _OUTSIDE * diameter / 2, 0.0)
         elements = _elements(array)
     arrays = CameraArrays(optics, _acceptance(camera), table, bounds.vertices_mm, rows, aperture, elements)
     if array is not None and lattice is not None:
-        rows[:, :2], rows[:, column.KIND] = vertices, lattice.type
+        rows[:, :2] = vertices
+        rows[:, column.KIND] = lattice.type
         rows[:, column.FOCAL] = np.array(array.focal_lengths_mm)[lattice.type]
         rows[:, column.Z] = sampling_mm + lattice.z_mm
         if array.is_plain:  # the linear maps are exact
@@ -94,6 +96,7 @@ def camera_arrays(
 
 
 def _acceptance(camera: Camera) -> Acceptance:
+    """The acceptance of a sensor's pixels, and whether rays weigh area."""
     sensor = camera.sensor
     by_area = camera.weight == "area"
     if sensor.acceptance == "cone":
@@ -103,6 +106,7 @@ def _acceptance(camera: Camera) -> Acceptance:
 
 
 def _elements(array: MicrolensArray) -> Elements:
+    """Surfaces and apertures of an array's microlenses, by their types."""
     bends = np.zeros((len(array.focal_lengths_mm), column.BENDS))
     for row, faces in zip(bends, array.faces, strict=False):
         row[:] = -1 / faces.front_radius_mm, faces.index, faces.aperture_is_in_front
@@ -137,7 +141,10 @@ class _LinearMaps:
     """Linear maps of microlenses that are not plain."""
 
     def __init__(self, arrays: CameraArrays, array: MicrolensArray, lattice: Lattice, stop_row: int) -> None:
-        self.arrays, self.array, self.lattice, self.stop_row = arrays, array, lattice, stop_row
+        self.arrays = arrays
+        self.array = array
+        self.lattice = lattice
+        self.stop_row = stop_row
         self.rows = arrays.microlenses
         self.optics = arrays.optics
         self.vertices = arrays.microlenses[:, :2]
@@ -147,9 +154,11 @@ class _LinearMaps:
         rows = self.rows
         array = self.array
         drift = self.optics.drift
+        # Aim in the plane of the vertex, or as far before it as the front face appears through the glass.
         slab = [faces.thickness_mm / faces.index * faces.aperture_is_in_front for faces in array.faces]
         rows[:, column.AIM] = array.distance_mm + self.lattice.z_mm
         rows[:, column.AIM] += np.array(slab)[self.lattice.type] if slab else 0.0
+        # Set the constant part of the maps, and their slopes by first-order optics.
         base = self.vertices
         if array.is_tilted:  # crossings of the chief rays through vertices with the plane of the untilted array
             slopes = chief_slopes(self.arrays.table, self.stop_row, rows[:, [column.X, column.Y, column.Z]])
@@ -167,36 +176,41 @@ class _LinearMaps:
         rows = self.rows
         above = self.lattice.z_mm
         planes = np.array(array.principal_mm)[self.lattice.type] - array.distance_mm
+        # Height of the ray at the rear principal plane, its slope behind the front one, and its height at the vertex.
         slope = (-1.0 if at_sensor else 1.0) / rows[:, column.AIM]
         at_principal = at_sensor + slope * (array.distance_mm + above + planes[:, 0])
-        out = slope - at_principal / rows[:, column.FOCAL]
-        at_vertex = at_principal - out * planes[:, 1]
-        return at_vertex + out * (self.optics.rear_z_mm - rows[:, column.Z]), at_vertex - out * above
+        refracted = slope - at_principal / rows[:, column.FOCAL]
+        at_vertex = at_principal - refracted * planes[:, 1]
+        return at_vertex + refracted * (self.optics.rear_z_mm - rows[:, column.Z]), at_vertex - refracted * above
 
     def _measure(self) -> None:
         """Set inflation and margin from real rays of the lowest, the highest and a middle microlens of each type."""
         rows = self.rows
-        kinds = self.lattice.type
-        around = self._sensor_reach()
+        types = self.lattice.type
+        reach = self._sensor_reach()
         rng = np.random.default_rng(0)
+        # Outward normals of the aperture's edges, and their distances from the vertex, both over the edges' lengths.
         aperture = self.arrays.aperture
         edge = np.roll(aperture, -1, axis=0) - aperture
         normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
         inradius = np.sum(normal * aperture, axis=1)
         inflation = margin = 0.0
-        for kind in np.unique(kinds):
-            of_kind = np.flatnonzero(kinds == kind)
-            order = of_kind[np.argsort(self.lattice.z_mm[of_kind], kind="stable")]
+        for number in np.unique(types):
+            of_type = np.flatnonzero(types == number)
+            order = of_type[np.argsort(self.lattice.z_mm[of_type], kind="stable")]
             for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
+                # Aim rays from random positions on the sensor at random points of the aperture's edge: the polygon must
+                # be inflated to hold all aims.
                 vertex = rows[microlens, :2]
                 trial_rows = np.full(_TRIALS, microlens)
                 aims = np.empty((_TRIALS, 2))
                 angle = rng.uniform(0, 2 * np.pi, _TRIALS)
-                far = around * np.sqrt(rng.uniform(0, 1, _TRIALS))
-                starts = vertex + far[:, None] * unit_vectors(angle)
-                points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
+                distance = reach * np.sqrt(rng.uniform(0, 1, _TRIALS))
+                starts = vertex + distance[:, None] * unit_vectors(angle)
+                points = self.arrays.elements.rims[number][rng.integers(0, _RIM, _TRIALS)]
                 aims_for(self.arrays, trial_rows, starts, points, aims)
                 inflation = max(inflation, float((((aims - vertex) @ normal.T) / inradius).max() - 1))
+                # Trace rays through random points within it: their distance from the linear map is the margin.
                 inner = vertex + np.sqrt(rng.uniform(0, 1, (_TRIALS, 1))) * (aims - vertex)
                 margin = max(margin, self._error(trial_rows, starts, inner))
         rows[:, column.INFLATION] = _SAFETY * inflation + 1e-9
@@ -206,15 +220,16 @@ class _LinearMaps:
         """Largest distance of a microlens's light on the sensor from its vertex, to first order."""
         rows = self.rows
         polygons = outlines_around(self.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
-        across = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
-        reach = np.hypot(*across.T).max(axis=0) + np.hypot(*self.arrays.aperture.T).max() * np.abs(
-            rows[:, column.BY_AIM]
-        )
-        return float(1.05 * (reach / np.abs(rows[:, column.BY_START])).max())
+        from_base = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
+        widest_aperture = np.hypot(*self.arrays.aperture.T).max()
+        at_rear = np.hypot(*from_base.T).max(axis=0) + widest_aperture * np.abs(rows[:, column.BY_AIM])
+        return float(1.05 * (at_rear / np.abs(rows[:, column.BY_START])).max())
 
     def _error(self, microlens: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
         """Largest distance on the rear vertex plane between real rays and the linear map."""
-        position, direction, passes = np.empty((_TRIALS, 3)), np.empty((_TRIALS, 3)), np.empty(_TRIALS)
+        position = np.empty((_TRIALS, 3))
+        direction = np.empty((_TRIALS, 3))
+        passes = np.empty(_TRIALS)
         rays_before(self.arrays, microlens, starts, aims, position, direction, passes)
         slope = direction[:, :2] / direction[:, 2:]
         row = self.rows[microlens[0]]
@@ -222,5 +237,5 @@ class _LinearMaps:
         at_film = position[:, :2] + slope * (self.optics.sampling_z_mm - position[:, 2:])
         linear = row[[column.BASE_X, column.BASE_Y]] + row[column.BY_START] * (starts - row[:2])
         linear += row[column.BY_AIM] * (aims - row[:2])
-        off = at_rear - self.optics.drift * (at_film - row[[column.OUTLINE_X, column.OUTLINE_Y]]) - linear
-        return float(np.hypot(*off.T)[passes > 0].max(initial=0.0))
+        actual = at_rear - self.optics.drift * (at_film - row[[column.OUTLINE_X, column.OUTLINE_Y]])
+        return float(np.hypot(*(actual - linear).T)[passes > 0].max(initial=0.0))

@@ -59,11 +59,13 @@ def aim_into(region, fan, anchor, aims):
     triangles the one of a ray is found by counting those before it, not by a search. The first vertex of the polygon is
     repeated behind its last one.
     """
-    polygon, cumulative, count, cx, cy = region.polygon, region.cumulative, fan.vertices, fan.x, fan.y
+    polygon, cumulative = region.polygon, region.cumulative
+    count, cx, cy = fan.vertices, fan.x, fan.y
     x, y, start_x, start_y, scratch = aims
-    triangle, ax, ay, bx = scratch[0], scratch[1], scratch[2], scratch[3]
-    by, below, above = scratch[4], scratch[5], scratch[6]
+    triangle, below, above = scratch[0], scratch[5], scratch[6]
+    ax, ay, bx, by = scratch[1], scratch[2], scratch[3], scratch[4]
     polygon[count, 0], polygon[count, 1] = polygon[0, 0], polygon[0, 1]
+    # The first random number chooses a triangle by its area.
     if count > _MANY:
         for i in range(x.shape[0]):
             triangle[i] = triangle_of(cumulative, count, x[i] * cumulative[count - 1], int(x[i] * count))
@@ -75,10 +77,14 @@ def aim_into(region, fan, anchor, aims):
             area = cumulative[k]
             for i in range(x.shape[0]):
                 triangle[i] += 1.0 if area <= x[i] else 0.0
+    # Fetch the corners of each ray's triangle, and the areas up to it and including it.
     for i in range(x.shape[0]):
         k = int(triangle[i])
-        ax[i], ay[i], bx[i], by[i] = polygon[k, 0], polygon[k, 1], polygon[k + 1, 0], polygon[k + 1, 1]
-        below[i], above[i] = cumulative[k - 1] if k > 0 else 0.0, cumulative[k]
+        ax[i], ay[i] = polygon[k, 0], polygon[k, 1]
+        bx[i], by[i] = polygon[k + 1, 0], polygon[k + 1, 1]
+        below[i] = cumulative[k - 1] if k > 0 else 0.0
+        above[i] = cumulative[k]
+    # What is left of the first number is the point's share of the outer edge; the root of the second its radius.
     for i in range(x.shape[0]):
         share, radius = (x[i] - below[i]) / (above[i] - below[i]), math.sqrt(y[i])
         ex = (1.0 - share) * (ax[i] - cx) + share * (bx[i] - cx)
@@ -152,7 +158,7 @@ def send_packet(camera, microlens, start, size, packet):
 
 @opaque
 def aim_packet(camera, microlens, start, size, packet):
-    """Send these rays up to the main lens."""
+    """Send rays as `send_packet` does, but only up to the main lens."""
     if microlens >= 0 and camera.elements.model != PLAIN:
         _through(camera, microlens, start, size, packet)
     else:
@@ -173,10 +179,11 @@ def send_mixed(camera, microlens, owner, start, size, packet):
 
 @opaque
 def aim_mixed(camera, microlens, owner, start, size, packet):
-    """Send these rays up to the main lens."""
+    """Send rays as `send_mixed` does, but only up to the main lens."""
     x, y, z, dx, dy, dz, alive, scratch, weight = packet
     plain = microlens[owner[0]] < 0 or camera.elements.model == PLAIN
     first = 0
+    # Rays behind the same microlens follow each other.
     while first < size:
         end, n = first + 1, microlens[owner[first]]
         while end < size and microlens[owner[end]] == n:

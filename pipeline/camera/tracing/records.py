@@ -95,6 +95,7 @@ class Starts(NamedTuple):
     microlens: np.ndarray  # (n,) int64, microlens of each position, `NO_MICROLENS` or `SKIP`
 
     def part(self, rows: slice) -> "Starts":
+        """Some of the positions."""
         return Starts(*(array[rows] for array in self))
 
 
@@ -126,6 +127,7 @@ class Leaving(NamedTuple):
     owner: np.ndarray  # (n,) int64, s times the row of the square plus the number of the microlens among its strata
 
     def first(self, count: int) -> "Leaving":
+        """The first rays."""
         return Leaving(*(array[:count] for array in self))
 
 

@@ -42,6 +42,7 @@ class Fan(NamedTuple):
 
 @unit
 def new_region():
+    """Buffers of a region, uninitialised."""
     shape = MAX_VERTICES, 2
     return Region(np.empty(shape), np.empty(shape), np.empty(shape), np.empty(MAX_VERTICES))
 
@@ -64,6 +65,7 @@ def outline_at(step, outlines, x, y, polygon):
     """The outline on the rear vertex plane for a point (x, y): from radial outlines or from a grid of them."""
     if outlines.shape[0] > 1:
         return _outline_in_grid(step, outlines, x, y, polygon)
+    # Interpolate between the outlines of two heights, and turn the result to the azimuth of the point.
     height = math.sqrt(x * x + y * y)
     position = min(height / step, outlines.shape[1] - 1.0)
     i = min(int(position), outlines.shape[1] - 2)
@@ -126,7 +128,7 @@ def _clipped_aperture(camera, microlens, x, y, slack, region):
         size = outline_at(optics.step_mm, camera.outlines, row[column.OUTLINE_X], row[column.OUTLINE_Y], outline)
     if outline[0, 0] == outline[size // 2, 0] and outline[0, 1] == outline[size // 2, 1]:
         return 0
-    # A negative scale mirrors the region through its centre.
+    # Clip by each edge of the outline. A negative scale mirrors the region through its centre.
     sign = 1.0 if scale > 0.0 else -1.0
     for j in range(size):
         k = j + 1 if j + 1 < size else 0
@@ -155,5 +157,6 @@ def outlines_around(camera: CameraArrays, points_mm: Float64[np.ndarray, "n 2"])
 
 @kernel
 def _outlines_at(step, outlines, points, polygons):
+    """Write the outlines (n, directions, 2) for points (n, 2)."""
     for n in range(points.shape[0]):
         outline_at(step, outlines, points[n, 0], points[n, 1], polygons[n])

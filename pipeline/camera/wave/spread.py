@@ -77,6 +77,7 @@ def strehl_ratio(front: Wavefront) -> float:
     """Largest light per area over that of the aberration-free pupil in its middle."""
     x_mm, image = full_image(front)
     row, column = np.unravel_index(np.argmax(image), image.shape)
+    # Refine the brightest point of the grid by the vertex of parabolas along x and along y, twice.
     step = _PEAK * front.wavelength_mm / (2 * front.numerical_aperture)
     peak_mm = np.array([x_mm[column], x_mm[row]])
     for _ in range(2):
@@ -134,28 +135,34 @@ def saddle_of_rays(front: Wavefront, pitch_mm: float) -> np.ndarray:
 
 
 def _saddle(light_of, edge_mm: float) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """The corner position where both derivatives vanish; `light_of` weights the spread by functions of x and y."""
+    """The corner position where both derivatives vanish; `light_of` weights the spread by functions of x and y.
 
-    def inside(at: float) -> Callable[[np.ndarray], np.ndarray]:  # 1 in the pixel about a position, with soft sides
-        return lambda x: np.clip((edge_mm / 2 - np.abs(x - at)) / (_SOFT * edge_mm) + 0.5, 0.0, 1.0)
+    A quasi-Newton method, whose mixed derivative is that of a spread within one pixel.
+    """
 
-    def side(at: float) -> Callable[[np.ndarray], np.ndarray]:  # its part beyond the edge through x minus that before
-        return lambda x: np.clip(2 * (at - x) / edge_mm, -1.0, 1.0)
+    def inside(position: float) -> Callable[[np.ndarray], np.ndarray]:
+        """Indicator of the pixel about a position along an axis: 1 inside, with soft sides."""
+        return lambda x: np.clip((edge_mm / 2 - np.abs(x - position)) / (_SOFT * edge_mm) + 0.5, 0.0, 1.0)
+
+    def side(position: float) -> Callable[[np.ndarray], np.ndarray]:
+        """Share of the pixel about x before an edge at a position, less the share beyond it."""
+        return lambda x: np.clip(2 * (position - x) / edge_mm, -1.0, 1.0)
 
     corner = np.zeros(2)
     for _ in range(_STEPS):
         in_x, in_y = inside(corner[0]), inside(corner[1])
-        bend = light_of(in_x, in_y) * 2 / edge_mm
-        move = np.array([light_of(side(corner[0]), in_y), light_of(in_x, side(corner[1]))]) / bend
-        move = np.clip(move, -edge_mm, edge_mm)
-        corner = corner - move
-        if np.abs(move).max() < _DONE * edge_mm:
+        slope = light_of(in_x, in_y) * 2 / edge_mm
+        step = np.array([light_of(side(corner[0]), in_y), light_of(in_x, side(corner[1]))]) / slope
+        step = np.clip(step, -edge_mm, edge_mm)
+        corner = corner - step
+        if np.abs(step).max() < _DONE * edge_mm:
             break
     return corner
 
 
 def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...]) -> Diffraction:
     """Spread of a camera's apertures at one wavelength; `middles`: one for each type of microlens."""
+    # One picture for each type of microlens, or for each node of a grid over the sensor.
     if middles and tracer.lattice is not None:
         views = [View(np.array([x, y]), row, np.inf) for x, y, row in middles]
         node_mm = np.ones(2)
@@ -168,6 +175,7 @@ def spread_of(tracer: Tracer, wavelength_nm: float, middles: tuple[Middle, ...])
         of_microlens = np.zeros(0, np.int64)
         views = [View(np.array([x, y]) * node_mm, NO_MICROLENS, np.inf) for y in nodes for x in nodes]
     pictures, edges = zip(*(_picture(tracer, wavelength_nm, view) for view in views), strict=True)
+    # Cumulative sums, by which a random number draws a row and another one a cell of it.
     rows = np.cumsum(np.stack(pictures).sum(axis=2), axis=1)
     cells = np.cumsum(pictures, axis=2)
     rows, cells = (np.ascontiguousarray(sums / sums[..., -1:]) for sums in (rows, cells))

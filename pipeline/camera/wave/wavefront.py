@@ -64,19 +64,20 @@ def with_path(table: Float64[np.ndarray, "surfaces columns"], rays: PathRays) ->
     for row in table:
         position, direction, passes = traced(row[None], rays.position_mm, rays.direction)
         path = rays.path_mm + rays.medium * dot(position - rays.position_mm, rays.direction)
-        bent = PathRays(position, direction, rays.passes & passes, path, rays.medium / row[INDEX_RATIO])
+        behind = PathRays(position, direction, rays.passes & passes, path, rays.medium / row[INDEX_RATIO])
         if row[TERMS] < 0:
-            bent = bent._replace(path_mm=path + _path_of_ideal_lens(row, bent, rays.direction))
-        rays = bent
+            behind = behind._replace(path_mm=path + _path_of_ideal_lens(row, behind, rays.direction))
+        rays = behind
     return rays
 
 
-def _path_of_ideal_lens(row: np.ndarray, bent: PathRays, before: np.ndarray) -> np.ndarray:
-    """Path added by an ideal thin lens, in the frame of its centred position."""
-    back = inverse(motion_of(row)) if row[POSE] else np.eye(4)
-    offset = apply(back, bent.position_mm)[:, :2]
-    slopes = (direction @ back[:3, :3].T for direction in (before, bent.direction))
-    return bent.medium * ideal_path(offset, *(direction[:, :2] / direction[:, 2:] for direction in slopes))
+def _path_of_ideal_lens(row: np.ndarray, behind: PathRays, before: np.ndarray) -> np.ndarray:
+    """Path added by an ideal thin lens to rays behind it, by their directions before it, (n,) [mm]."""
+    centred_from_surface = inverse(motion_of(row)) if row[POSE] else np.eye(4)
+    offset = apply(centred_from_surface, behind.position_mm)[:, :2]
+    directions = (direction @ centred_from_surface[:3, :3].T for direction in (before, behind.direction))
+    slopes = (direction[:, :2] / direction[:, 2:] for direction in directions)
+    return behind.medium * ideal_path(offset, *slopes)
 
 
 def ideal_path(
@@ -94,6 +95,7 @@ def ideal_path(
 
 
 def _path_across(offset: np.ndarray, middle: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Path of light of a point across the plane of the lens, by the formula of `ideal_path`, (n,) [mm]."""
     roots = np.sqrt(1 + middle @ middle) + np.sqrt(1 + dot(slope, slope))
     return dot(middle + slope, offset) / roots
 
@@ -112,20 +114,19 @@ def sent(
         behind = tracer.camera.prescription.surfaces[-1].index
         film = tracer.camera.film.vision_from_film
         if film is not None:
-            turned = apply(film, rays.position_mm), rays.direction @ film[:3, :3].T
-            rays = rays._replace(position_mm=turned[0], direction=turned[1])
+            rays = rays._replace(position_mm=apply(film, rays.position_mm), direction=rays.direction @ film[:3, :3].T)
         return with_path(towards_scene(tracer.camera.prescription), rays._replace(medium=behind))
 
 
 def _through_plain(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
     """Trace rays through a thin microlens that is parallel to the sensor."""
     x, y, focal = tracer.arrays.microlenses[microlens, [column.X, column.Y, column.FOCAL]]
-    along = (tracer.film_z_mm - rays.position_mm[:, 2]) / rays.direction[:, 2]
-    position = rays.position_mm + along[:, None] * rays.direction
+    path_mm = (tracer.film_z_mm - rays.position_mm[:, 2]) / rays.direction[:, 2]
+    position = rays.position_mm + path_mm[:, None] * rays.direction
     offset = position[:, :2] - [x, y]
     disc = tracer.arrays.elements.disc_mm
     inside = np.hypot(*offset.T) <= disc if disc > 0 else _in_polygon(tracer.arrays.aperture, offset)
-    return _bent_thinly(focal, offset, rays._replace(position_mm=position, path_mm=along, passes=inside))
+    return _bent_thinly(focal, offset, rays._replace(position_mm=position, path_mm=path_mm, passes=inside))
 
 
 def _through(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
@@ -133,23 +134,24 @@ def _through(tracer: Tracer, microlens: int, rays: PathRays) -> PathRays:
     elements = tracer.arrays.elements
     row = tracer.arrays.microlenses[microlens]
     kind = int(row[column.KIND])
-    turn, vertex = elements.turn, row[[column.X, column.Y, column.Z]]
+    turn = elements.turn
+    vertex = row[[column.X, column.Y, column.Z]]
     local = rays._replace(position_mm=(rays.position_mm - vertex) @ turn.T, direction=rays.direction @ turn.T)
     local = with_path(elements.faces[kind], local)
     if elements.model == THIN:
         local = _bent_thinly(row[column.FOCAL], local.position_mm[:, :2], local)
     elif elements.model == TWO_PLANE:
-        local = _bent_by_normals(
-            elements.bends[kind, column.CURVATURE_OF_NORMALS], elements.bends[kind, column.INDEX], local
-        )
+        bends = elements.bends[kind]
+        local = _bent_by_normals(bends[column.CURVATURE_OF_NORMALS], bends[column.INDEX], local)
     return local._replace(position_mm=local.position_mm @ turn + vertex, direction=local.direction @ turn)
 
 
 def _bent_thinly(focal_mm: float, offset: np.ndarray, rays: PathRays) -> PathRays:
+    """Rays deflected by a thin microlens at these offsets from its vertex, (n, 2) [mm]."""
     slope = rays.slope - offset / focal_mm
-    bent = np.column_stack([slope, np.ones(len(slope))])
+    direction = np.column_stack([slope, np.ones(len(slope))])
     path = rays.path_mm + ideal_path(offset, rays.slope, slope)
-    return rays._replace(direction=bent / np.linalg.norm(bent, axis=1, keepdims=True), path_mm=path)
+    return rays._replace(direction=direction / np.linalg.norm(direction, axis=1, keepdims=True), path_mm=path)
 
 
 def _bent_by_normals(curvature: float, mu: float, rays: PathRays) -> PathRays:
@@ -228,13 +230,16 @@ class Wavefront:
     @cached_property
     def error_waves(self) -> tuple[float, float]:
         """Root mean square and extent of the wavefront error without piston and tilt [wavelengths]."""
+        # Subtract the plane of piston and tilt by weighted least squares.
         a, b = np.meshgrid(*self.cosines)
         lit = self.share > 0
-        weight, path = np.sqrt(self.share[lit]), self.path_mm[lit]
+        root_weight = np.sqrt(self.share[lit])
+        path = self.path_mm[lit]
         terms = np.stack([np.ones(len(path)), a[lit] - self.centre[0], b[lit] - self.centre[1]], axis=1)
-        fit = np.linalg.lstsq(terms * weight[:, None], path * weight, rcond=None)[0]
-        rest = (path - terms @ fit) / self.wavelength_mm
-        return float(np.sqrt((weight**2 @ rest**2) / (weight @ weight))), float(np.ptp(rest))
+        plane = np.linalg.lstsq(terms * root_weight[:, None], path * root_weight, rcond=None)[0]
+        error = (path - terms @ plane) / self.wavelength_mm
+        rms = np.sqrt((root_weight**2 @ error**2) / (root_weight @ root_weight))
+        return float(rms), float(np.ptp(error))
 
     @cached_property
     def crossings_mm(self) -> np.ndarray:
@@ -276,11 +281,11 @@ def wavefront(tracer: Tracer, view: View, wavelength_nm: float) -> Wavefront:
         path -= np.sum(np.where(finite, path, 0.0) * share) / share.sum()
         front = Wavefront(wavelength_nm * 1e-6, centre, step, np.where(finite, path, 0.0), share)
         lit = front.share > 0
-        reach = np.hypot(*front.crossings_mm[lit].T).max()
-        if reach < _FILLED * front.wavelength_mm / front.step:
+        spot_mm = np.hypot(*front.crossings_mm[lit].T).max()
+        if spot_mm < _FILLED * front.wavelength_mm / front.step:
             return front
     airy_mm = 0.61 * front.wavelength_mm / front.numerical_aperture
-    blur = f"the blur of geometry is {reach / airy_mm:.0f} times as wide as the Airy disc"
+    blur = f"the blur of geometry is {spot_mm / airy_mm:.0f} times as wide as the Airy disc"
     raise CameraError(f"{blur}: no wavefront is needed there", hint="choose an object nearer to the focus")
 
 
@@ -319,10 +324,11 @@ def _pupil(tracer: Tracer, view: View, count: int = _COARSE, rounds: int = _ROUN
         passes = _sent(tracer, view, a, b).passes.reshape(a.shape)
         if not passes.any():
             raise CameraError("no light arrives at that image position", hint="choose one inside of the image circle")
+        # Narrow the square to the lit directions, and one cell around them.
         cell = (high - low) / (count - 1)
-        low, high = (
-            np.array([end(a[passes]), end(b[passes])]) + sign * cell for end, sign in ((np.min, -1), (np.max, 1))
-        )
+        lit = np.stack([a[passes], b[passes]])
+        low = lit.min(axis=1) - cell
+        high = lit.max(axis=1) + cell
     return (low + high) / 2, float((high - low).max())
 
 
@@ -333,21 +339,23 @@ def _outline(tracer: Tracer, view: View) -> tuple[np.ndarray, np.ndarray]:
         corners = outlines_around(tracer.arrays, view.position_mm[None])[0]
     else:
         corners = tracer.arrays.microlenses[view.microlens, :2] + 1.05 * tracer.arrays.aperture
-    ahead = optics.sampling_z_mm - optics.sensor_z_mm
-    across = np.column_stack([corners - view.position_mm, np.full(len(corners), ahead)])
-    cosines = (across / np.linalg.norm(across, axis=1, keepdims=True))[:, :2]
+    height = optics.sampling_z_mm - optics.sensor_z_mm
+    to_corners = np.column_stack([corners - view.position_mm, np.full(len(corners), height)])
+    cosines = (to_corners / np.linalg.norm(to_corners, axis=1, keepdims=True))[:, :2]
     slack = 0.02 * np.ptp(cosines, axis=0).max()
     return cosines.min(axis=0) - slack, cosines.max(axis=0) + slack
 
 
 def _shares(tracer: Tracer, view: View, grid: tuple[np.ndarray, float, int], parts: int) -> np.ndarray:
     """Lit share of each cell; cells at the boundary are sampled in parts."""
+    # Trace the corners of all cells: a cell is lit, dark, or at the boundary.
     centre, step, size = grid
     corners = _axes(centre, step, size + 1)
-    at_corners = _sent(tracer, view, *np.meshgrid(*corners)).passes.reshape(size + 1, size + 1)
-    of_cell = np.stack([at_corners[1:, 1:], at_corners[1:, :-1], at_corners[:-1, 1:], at_corners[:-1, :-1]])
-    row, column = np.nonzero(of_cell.any(axis=0) & ~of_cell.all(axis=0))
-    share = of_cell.all(axis=0).astype(float)
+    lit = _sent(tracer, view, *np.meshgrid(*corners)).passes.reshape(size + 1, size + 1)
+    cell_corners = np.stack([lit[1:, 1:], lit[1:, :-1], lit[:-1, 1:], lit[:-1, :-1]])
+    row, column = np.nonzero(cell_corners.any(axis=0) & ~cell_corners.all(axis=0))
+    share = cell_corners.all(axis=0).astype(float)
+    # Trace the middles of the parts of cells at the boundary.
     columns, rows = _axes(centre, step, size)
     offset = ((np.arange(parts) + 0.5) / parts - 0.5) * step
     a = columns[column][:, None, None] + offset[None, None, :] + 0 * offset[None, :, None]
@@ -361,14 +369,18 @@ def _to_object(rays: PathRays, weight: np.ndarray, object_mm: float, aperture_mm
     # Rays that miss the point by m leave it through another part of the aperture, whose image is at the distance R:
     # their path is longer by m^2 / (2 R).
     lit = weight > 0
-    position, direction, weight = rays.position_mm, rays.direction, weight[lit] / weight.sum()
+    weight = weight[lit] / weight.sum()
+    position, direction = rays.position_mm, rays.direction
     mean = weight @ direction[lit]
     if math.isinf(object_mm):
+        # The sphere is a plane across the mean direction, from which paths are counted backwards.
         return rays.path_mm - rays.medium * ((position - weight @ position[lit]) @ (mean / np.linalg.norm(mean)))
-    along = (object_mm - position[:, 2]) / direction[:, 2]
-    crossing = position + along[:, None] * direction
+    # The object point is the mean of the intersections with its plane.
+    to_plane = (object_mm - position[:, 2]) / direction[:, 2]
+    crossing = position + to_plane[:, None] * direction
     point = weight @ crossing[lit]
-    ahead = np.sum((point - position) * direction, axis=1)
-    missed = np.sum((point - position - ahead[:, None] * direction) ** 2, axis=1)
+    # Extend each ray to the foot of the perpendicular from the point, and add the path for its miss.
+    to_foot = np.sum((point - position) * direction, axis=1)
+    missed_squared = np.sum((point - position - to_foot[:, None] * direction) ** 2, axis=1)
     radius = (object_mm - aperture_mm) / mean[2]
-    return rays.path_mm + rays.medium * (ahead + missed / (2 * radius))
+    return rays.path_mm + rays.medium * (to_foot + missed_squared / (2 * radius))

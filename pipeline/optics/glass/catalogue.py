@@ -98,6 +98,7 @@ def rows_of(table: str, beside: str = __file__) -> list[dict[str, str]]:
 
 @cache
 def _rows_by_name() -> dict[str, list[int]]:
+    """Numbers of the rows of each name without vendor, in lower case."""
     rows: dict[str, list[int]] = {}
     for number, row in enumerate(_table()):
         rows.setdefault(row["glass"].casefold(), []).append(number)
@@ -105,6 +106,7 @@ def _rows_by_name() -> dict[str, list[int]]:
 
 
 def _named(bare: str) -> list[Glass]:
+    """The glasses of a name without vendor."""
     return [_glass(number) for number in _rows_by_name().get(bare.casefold(), ())]
 
 
@@ -125,6 +127,7 @@ def _glass(number: int) -> Glass:
 
 
 def _dispersion(row: dict[str, str]) -> Dispersion:
+    """The dispersion formula of a row, by its number in README.md here."""
     numbers = [float(row[f"c{i}"]) for i in range(15) if row[f"c{i}"]]
     constant = numbers[0]
     terms = tuple(zip(numbers[1::2], numbers[2::2], strict=True))

@@ -71,6 +71,7 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
 
 
 def _nameless(index: float | None, abbe: float | None, wavelength_nm: float) -> Medium:
+    """The medium of a row without a glass: air, or the normal line through its index and Abbe number."""
     if index is None or index == 1:
         return Medium(label="air", dispersion=Constant(n=1.0))
     if abbe is None:
@@ -103,6 +104,7 @@ def _written(text: str) -> Medium:
 
 
 def _formula(kind: str, numbers: list[float]) -> Dispersion:
+    """The dispersion of a kind with these coefficients; a ValueError for a wrong number of them."""
     if not all(map(math.isfinite, numbers)):
         raise ValueError(kind)
     if kind == "constant":

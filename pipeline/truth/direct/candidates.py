@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.camera.frozen_pupils import by_x
-from pipeline.camera.integrating.quadrature import single_hits
+from pipeline.camera.integrating.polar_hits import single_hits
 from pipeline.camera.micro_images.centres import NOBODY, MicroImages, Nearby, vertex_aims
 from pipeline.camera.pupil.chief_ray import chief_crossings
 from pipeline.camera.pupil.from_stop import is_steep, pupil_fan
@@ -76,34 +76,45 @@ class Candidates:
 def candidates(rig: Rig, points_mm: Float64[np.ndarray, "n 3"]) -> Candidates:
     """All candidates of points; a point whose light does not pass the lens has none."""
     tracer, images = rig.tracer, rig.images
-    point, microlens, guess, reach = [], [], [], []
-    rays = 0
+    prescription = tracer.camera.prescription
     vertices = None if images is None else Nearby(tracer.vertices_mm)
     # Blades and obstructions may leave slivers between the rays of a fan: apertures are replaced by their circles.
-    table = enclosing(towards_sensor(tracer.camera.prescription))
+    table = enclosing(towards_sensor(prescription))
     fans = _fans(tracer)
-    steep, pupil = is_steep(tracer.camera.prescription, points_mm), pupil_fan(tracer.camera.prescription)
-    for number, p in enumerate(points_mm):
-        aims = [pupil.aims(p) * _FLIP] if steep[number] else fans
-        crossing, slope, sent = _footprint(tracer, table, aims, p, is_steep=steep[number])
-        rays += sent
+    steep = is_steep(prescription, points_mm)
+    pupil = pupil_fan(prescription)
+    rays = 0
+    # Columns of the result, begun with arrays of no rows.
+    points = [np.zeros(0, np.int64)]
+    microlenses = [np.zeros(0, np.int64)]
+    guesses_px = [np.zeros((0, 2))]
+    reaches_px = [np.zeros(0)]
+    for number, point_mm in enumerate(points_mm):
+        # Trace the point's light to the sensor, or to the array.
+        aims = [pupil.aims(point_mm) * _FLIP] if steep[number] else fans
+        crossing, slope, traced_rays = _footprint(tracer, table, aims, point_mm, is_steep=steep[number])
+        rays += traced_rays
         if not len(crossing):
             continue
+        # Without an array the guess is the middle of its light; with one, each lit microlens has its own.
         if images is None or vertices is None:
-            visible = np.array([NO_MICROLENS])
-            x = crossing.mean(axis=0, keepdims=True)
+            lit = np.array([NO_MICROLENS])
+            x_mm = crossing.mean(axis=0, keepdims=True)
             blur_px = np.ptp(crossing, axis=0).max() / tracer.camera.sensor.pitch_mm
         else:
+            lit, x_mm = _through_microlenses(tracer, images, vertices, crossing, slope)
             blur_px = 0.0
-            visible, x = _through_microlenses(tracer, images, vertices, crossing, slope)
-        point.append(np.full(len(visible), number))
-        microlens.append(visible)
-        guess.append(tracer.pixels_at(x))
-        reach.append(np.full(len(visible), _REACH_PX + _BLUR_SHARE * blur_px))
-    if not point:
-        return Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), rays)
-    behind, x_px, reach_px = (np.concatenate(parts) for parts in (microlens, guess, reach))
-    return Candidates(np.concatenate(point), behind, x_px, reach_px, rays)
+        points.append(np.full(len(lit), number))
+        microlenses.append(lit)
+        guesses_px.append(tracer.pixels_at(x_mm))
+        reaches_px.append(np.full(len(lit), _REACH_PX + _BLUR_SHARE * blur_px))
+    return Candidates(
+        np.concatenate(points),
+        np.concatenate(microlenses),
+        np.concatenate(guesses_px),
+        np.concatenate(reaches_px),
+        rays,
+    )
 
 
 def _fans(tracer: Tracer) -> list[np.ndarray]:
@@ -130,56 +141,58 @@ def _footprint(
     Further fans count where they find light. A fan that passes at its rim, or hardly, is followed by others.
     """
     rays = 0
-    further = () if is_steep else _at_the_stop(tracer, table, fans[0], point_mm)
-    for number, aim in enumerate(itertools.chain(fans, further)):
-        sent = _sent(table, point_mm, aim, is_steep=is_steep)
-        rays += len(aim) if number < len(fans) or sent.passes.any() else 0
-        if not sent.passes.any():
+    further = () if is_steep else _fans_at_stop(tracer, table, fans[0], point_mm)
+    for number, fan in enumerate(itertools.chain(fans, further)):
+        traced_fan = _trace_fan(table, point_mm, fan, is_steep=is_steep)
+        rays += len(fan) if number < len(fans) or traced_fan.passes.any() else 0
+        if not traced_fan.passes.any():
             continue
         # Follow the light while it reaches the rim of a fan, or fills little of it.
         for _ in range(_FOLLOWED):
-            following = _about(aim, sent.passes)
-            if following is None:
+            next_fan = _next_fan(fan, traced_fan.passes)
+            if next_fan is None:
                 break
-            followed = _sent(table, point_mm, following, is_steep=is_steep)
-            rays += len(following)
-            if not followed.passes.any():
+            traced_next = _trace_fan(table, point_mm, next_fan, is_steep=is_steep)
+            rays += len(next_fan)
+            if not traced_next.passes.any():
                 break
-            aim, sent = following, followed
-        position, direction = sent.position[sent.passes], sent.direction[sent.passes]
-        return *tracer.arrivals(position * _FLIP, direction * _FLIP), rays
+            fan, traced_fan = next_fan, traced_next
+        position = traced_fan.position[traced_fan.passes] * _FLIP
+        direction = traced_fan.direction[traced_fan.passes] * _FLIP
+        return *tracer.arrivals(position, direction), rays
     return np.zeros((0, 2)), np.zeros((0, 2)), rays
 
 
-def _sent(table: np.ndarray, point_mm: np.ndarray, aim: np.ndarray, *, is_steep: bool) -> Traced:
-    """Rays from a point towards aims, behind the lens, lens frame.
+def _trace_fan(table: np.ndarray, point_mm: np.ndarray, aim: np.ndarray, *, is_steep: bool) -> Traced:
+    """Rays from a point towards aims, (n, 3), behind the lens, lens frame.
 
     They leave the point forwards, or towards their aims if the point is steep.
     """
     position = np.repeat((point_mm * _FLIP)[None], len(aim), axis=0)
     direction = aim - position
-    ahead = 1.0 if is_steep else np.sign(direction[:, 2:])
-    direction *= ahead / np.linalg.norm(direction, axis=1, keepdims=True)
+    forwards = 1.0 if is_steep else np.sign(direction[:, 2:])
+    direction *= forwards / np.linalg.norm(direction, axis=1, keepdims=True)
     return trace(table, position, direction)
 
 
-def _about(aim: np.ndarray, passed: np.ndarray) -> np.ndarray | None:
+def _next_fan(aim: np.ndarray, passes: np.ndarray) -> np.ndarray | None:
     """A fan of equal shape about the rays of another that pass; None: its rim is dark, and enough rays pass."""
     offset = aim - aim.mean(axis=0)
-    lit = np.flatnonzero(passed)
-    # Over a disc of radius 1 the variance along any axis is 1/4; fans are discs or ellipses.
-    to_disc = np.linalg.pinv(offset.T @ offset / len(aim)) / 4
+    lit = np.flatnonzero(passes)
+    # Measure distances over the radius of the fan, a disc or an ellipse: over a disc of radius 1 the variance along any
+    # axis is 1/4.
+    per_radius = np.linalg.pinv(offset.T @ offset / len(aim)) / 4
     middle = aim[lit].mean(axis=0)
     from_centre, from_middle = (
-        np.sqrt(np.einsum("ni,ij,nj->n", part, to_disc, part)).max() for part in (offset[lit], aim[lit] - middle)
+        np.sqrt(np.einsum("ni,ij,nj->n", part, per_radius, part)).max() for part in (offset[lit], aim[lit] - middle)
     )
     if from_centre < 1 - _RIM and len(lit) >= _ENOUGH:
         return None
     return np.asarray(middle + (_PUPIL_SLACK * from_middle + _RIM) * offset)
 
 
-def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
-    """Points over the entrance pupil as seen from a point, (n, 3).
+def _fans_at_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: np.ndarray) -> Iterator[np.ndarray]:
+    """Points over the entrance pupil as seen from a point, (n, 3), in two guesses.
 
     First as the pupil moves off the axis; then as windows displace it, by Newton's method without apertures, unless no
     real ray reaches the centre of the stop.
@@ -187,9 +200,11 @@ def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: n
     yield pupil_fan(tracer.camera.prescription).aims(point_mm) * _FLIP
     front = unbounded(table[: tracer.camera.prescription.stop_index + 1])
     stop = tracer.camera.prescription.stop
-    start, aim = point_mm * _FLIP, fan[len(fan) // 2] * (0.0, 0.0, 1.0)
+    start = point_mm * _FLIP
+    aim = fan[len(fan) // 2] * (0.0, 0.0, 1.0)
     steps = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     for _ in range(_STEPS):
+        # Trace three rays to the stop: towards the aim, and towards a small step from it along x and along y.
         aims = aim + _AIM_STEP_MM * steps
         direction = aims - start
         direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -198,11 +213,14 @@ def _at_the_stop(tracer: Tracer, table: np.ndarray, fan: np.ndarray, point_mm: n
         jacobian = (local[1:] - local[0]).T / _AIM_STEP_MM
         if not passes.all() or not abs(np.linalg.det(jacobian)) > 0:
             return
-        over_stop = np.linalg.inv(jacobian)
-        aim = aim - np.append(over_stop @ local[0], 0.0)
+        # Take the Newton step towards the centre of the stop.
+        aim_from_stop = np.linalg.inv(jacobian)
+        aim = aim - np.append(aim_from_stop @ local[0], 0.0)
+        # Near the centre map the disc of the stop back to aims.
         if np.hypot(*local[0]) < _AT_CENTRE * stop.semi_diameter_mm:
-            disc = (fan[:, :2] - fan[:, :2].mean(axis=0)) / np.abs(fan[:, :2] - fan[:, :2].mean(axis=0)).max()
-            yield aim + np.pad(stop.semi_diameter_mm * disc @ over_stop.T, ((0, 0), (0, 1)))
+            offset = fan[:, :2] - fan[:, :2].mean(axis=0)
+            disc = offset / np.abs(offset).max()
+            yield aim + np.pad(stop.semi_diameter_mm * disc @ aim_from_stop.T, ((0, 0), (0, 1)))
             return
 
 
@@ -212,21 +230,26 @@ def _through_microlenses(
     """Microlenses lit by a footprint, and the positions where rays through their vertices meet the sensor."""
     array = tracer.camera.microlenses
     assert array is not None and tracer.lattice is not None
-    spacing = np.ptp(crossing, axis=0).max() / (_FAN / 2)
-    reached = vertices.within(crossing, array.pitch_mm + spacing)[1]
+    # Take the microlenses within a pitch of the footprint's rays, and within the gaps between these.
+    gap_mm = np.ptp(crossing, axis=0).max() / (_FAN / 2)
+    reached = vertices.within(crossing, array.pitch_mm + gap_mm)[1]
     lit = np.unique(reached[reached != NOBODY])
-    # Slopes are nearly linear in the crossing; if all rays meet in a point, their mean is used.
-    q, s = crossing - crossing.mean(axis=0), slope - slope.mean(axis=0)
-    soft = np.eye(2) * len(q) * (0.1 * array.pitch_mm) ** 2
-    along = np.linalg.solve(q.T @ q + soft, q.T @ s)
+    # Fit slopes, which are nearly linear in the crossing, by regularised least squares (Tikhonov): if all rays meet in
+    # a point, their mean remains.
+    crossing_change = crossing - crossing.mean(axis=0)
+    slope_change = slope - slope.mean(axis=0)
+    regular = np.eye(2) * len(crossing) * (0.1 * array.pitch_mm) ** 2
+    slope_by_mm = np.linalg.solve(crossing_change.T @ crossing_change + regular, crossing_change.T @ slope_change)
+    # Follow the ray through each vertex to the sensor.
     vertex = tracer.vertices_mm[lit]
-    x = vertex - array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ along)
-    farther = np.hypot(*(x - images.centre_mm[lit]).T) - images.nearby.nearest(x)[0][:, 0]
-    # Out of focus, where a rim cuts the bundle, all light may come through the microlens at its own rim.
+    x = vertex - array.distance_mm * (slope.mean(axis=0) + (vertex - crossing.mean(axis=0)) @ slope_by_mm)
+    # Keep positions in their own cell or little outside. Out of focus, where a rim cuts the bundle, all light may come
+    # through the microlens at its own rim, as far away as the point is blurred.
+    farther_mm = np.hypot(*(x - images.centre_mm[lit]).T) - images.nearby.nearest(x)[0][:, 0]
     focal_mm = np.array(array.focal_lengths_mm)[tracer.lattice.type[lit], None, None]
-    spread = np.eye(2) * (1 - array.distance_mm / focal_mm) - array.distance_mm * along
+    spread = np.eye(2) * (1 - array.distance_mm / focal_mm) - array.distance_mm * slope_by_mm
     blur_mm = np.hypot(*tracer.arrays.aperture.T).max() * np.linalg.norm(spread, ord=2, axis=(1, 2))
-    near = farther <= np.maximum(_CELL_SLACK * array.pitch_mm, blur_mm)
+    near = farther_mm <= np.maximum(_CELL_SLACK * array.pitch_mm, blur_mm)
     return lit[near], x[near]
 
 

@@ -21,7 +21,8 @@ from pipeline.camera.tracing.moments import COLUMNS, COVARIANCE, WEIGHT
 from pipeline.records.shapes import Bool, Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import candidates, chief_jacobian, inverse
-from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search, errors_px, mean_hit
+from pipeline.truth.direct.newton import BLUR_LEVEL, NEARLY_PX, Search
+from pipeline.truth.direct.residuals import errors_px, mean_hit
 from pipeline.truth.grid.ray_grid import matrix_4
 from pipeline.truth.planes import Exposed, PlanePair, Planes, axes_across, faces_camera
 from pipeline.truth.rows import Correspondences, Solutions, existing_indices
@@ -70,10 +71,11 @@ def planes_of_rays(rig: Rig, x_px: Float64[np.ndarray, "n 2"], planes_mm: tuple[
     prescription = tracer.camera.prescription
     if rig.images is not None or not pupil_fan(prescription).is_wide:
         return np.repeat(parallel_planes(*planes_mm)[None], len(x_px), axis=0)
+    # A vision z becomes a distance from the first vertex, along the chief ray.
     start = tracer.on_film(tracer.positions_mm(*x_px.T))
     exit_point, direction, _ = chief_rays(tracer.table, tracer.stop_row, start)
-    ahead_mm = np.array(planes_mm) + prescription.vertices_from_stop_mm[0]
-    origins = exit_point[:, None] + ahead_mm[:, None] * direction[:, None]
+    distances_mm = np.array(planes_mm) + prescription.vertices_from_stop_mm[0]
+    origins = exit_point[:, None] + distances_mm[:, None] * direction[:, None]
     return np.concatenate([origins[:, :, None], np.repeat(axes_across(direction)[:, None], 2, axis=1)], axis=2)
 
 
@@ -99,14 +101,15 @@ def _integrated(
 def _inverse_jacobian(rig: Rig, bundles: Bundles) -> np.ndarray:
     """Image positions by intersections with the near plane, (n, 2, 2) [px per mm], by chief rays or, without, by J."""
     jacobian = chief_jacobian(rig.tracer, bundles.microlens, bundles.x_px, bundles.planes[:, 0])
-    lacking = np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2)))
-    if len(lacking):
-        blind = bundles.only(lacking)
+    without_chief_ray = np.flatnonzero(np.isnan(jacobian).any(axis=(1, 2)))
+    if len(without_chief_ray):
+        rest = bundles.only(without_chief_ray)
 
         def mean_at(x_px: np.ndarray) -> np.ndarray:
-            return integrals(rig.tracer, dataclasses.replace(blind, x_px=x_px), 0).moments[:, :2]
+            """J on the near plane at other positions, (k, 2) [mm]."""
+            return integrals(rig.tracer, dataclasses.replace(rest, x_px=x_px), 0).moments[:, :2]
 
-        jacobian[lacking] = by_x(mean_at, blind.x_px, _DIFFERENCE_PX)
+        jacobian[without_chief_ray] = by_x(mean_at, rest.x_px, _DIFFERENCE_PX)
     return inverse(jacobian)
 
 
@@ -143,16 +146,18 @@ def solve(
     min_hit_fraction: float,
 ) -> Correspondences:
     """Solve J(x) = p for pairs and keep the rows that exist."""
-    of_points = Planes(planes) if isinstance(planes, np.ndarray) else planes
+    moving_planes = Planes(planes) if isinstance(planes, np.ndarray) else planes
 
     def exposed(rows: np.ndarray, x_px: np.ndarray) -> Exposed:
-        return of_points.exposed(guess.point[rows], x_px)
-
-    starts = guess.x_px, rig.home_px(guess.cell)
-    search = Search(rig.tracer, rig.microlens(guess.cell), exposed, *starts, rig.square_px)
+        """Planes of the pairs' points over the exposure at image positions."""
+        return moving_planes.exposed(guess.point[rows], x_px)
 
     def may_exist(x_px: np.ndarray, rows: np.ndarray, grace_px: float) -> np.ndarray:
+        """Whether positions lie in the image and in the cells of their pairs, or at most `grace_px` outside."""
         return rig.in_image(x_px, grace_px) & rig.in_cell(x_px, guess.cell[rows], grace_px)
+
+    microlens = rig.microlens(guess.cell)
+    search = Search(rig.tracer, microlens, exposed, guess.x_px, rig.home_px(guess.cell), rig.square_px)
 
     # Solve roughly, then to the accuracy wherever a row may exist.
     search.approach(may_exist)
@@ -183,20 +188,25 @@ def solve(
     counts["dropped_outside_image"] += int(beside.sum())
     counts["dropped_outside_cell"] += int(np.sum(is_solved & ~near & ~beside))
     counts |= {"random": int(search.is_random[rows].sum()), "inaccurate": int(np.sum(~search.reached[rows]))}
-    found = _with_blur(rig, search, guess, rows, of_points, {**counts, "rows": len(rows), "rays": search.rays})
-    return dataclasses.replace(found, unsolved=np.stack([guess.point[unsolved], guess.cell[unsolved]], axis=1))
+    counts |= {"rows": len(rows), "rays": search.rays}
+    solved = _with_blur(rig, search, guess, rows, moving_planes, counts)
+    return dataclasses.replace(solved, unsolved=np.stack([guess.point[unsolved], guess.cell[unsolved]], axis=1))
 
 
 def _with_blur(
     rig: Rig, search: Search, guess: Guess, rows: np.ndarray, planes: Planes, counts: dict[str, int]
 ) -> Correspondences:
-    point, jacobian, moments = guess.point[rows], search.jacobian[rows], search.moments[rows]
-    on = planes.middle(point, search.x_px[rows])
-    blurred, rho, rays = blur_of(rig, guess.cell[rows], search.x_px[rows], on, jacobian, moments)
-    x, y = search.x_px[rows].T
-    solutions = Solutions(point, guess.cell[rows], x, y, jacobian, np.zeros(len(rows)))
+    """Solved rows of a search, given by index, as rows of the table, with their light and the blur in mid-exposure."""
+    point = guess.point[rows]
+    cell = guess.cell[rows]
+    x_px = search.x_px[rows]
+    jacobian = search.jacobian[rows]
+    moments = search.moments[rows]
+    blurred, rho, rays = blur_of(rig, cell, x_px, planes.middle(point, x_px), jacobian, moments)
+    x, y = x_px.T
+    no_noise = np.zeros(len(rows))  # no position image takes part
     solved = Correspondences(
-        solutions,
+        Solutions(point, cell, x, y, jacobian, no_noise),
         search.sigma_px[rows],
         rig.hit_fraction(moments),
         blurred,
@@ -222,9 +232,10 @@ def blur_of(
     microlens = rig.microlens(cell)
     rays = 0
     if rig.square_px:
-        of_points = integrals(rig.tracer, Bundles(x_px, microlens, PlanePair.twice(planes).both), BLUR_LEVEL)
-        moments, rays = of_points.moments, of_points.rays
+        from_positions = integrals(rig.tracer, Bundles(x_px, microlens, PlanePair.twice(planes).both), BLUR_LEVEL)
+        moments, rays = from_positions.moments, from_positions.rays
     blurred = blur.in_image(blur.spread(moments), jacobian)
+    # The sign needs the bundle on two planes through and behind the point: upright, or across the view beside the lens.
     z = planes[:, 0, 2]
     upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
     upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
@@ -248,24 +259,27 @@ def with_own_bundles(
 ) -> Correspondences:
     """Rows with light and blur of their own bundles, as `direct` has them; rows too dark are dropped and counted."""
     solutions = rows.solutions
-    on = planes[rows.solutions.point]
     x_px = solutions.xy_px
-    wanted = Bundles(x_px, rig.microlens(solutions.cell), PlanePair.twice(on).both, rig.square_px)
-    bundles = integrals(rig.tracer, wanted, BLUR_LEVEL)
-    # The Jacobian of the search is a difference over steps of the grid, where J may bend.
-    pupils = FrozenPupils(rig.tracer, wanted, BLUR_LEVEL, STEADY)
-    by_position = mean_hit(
-        by_x(lambda x: pupils.next_to(rig.tracer, dataclasses.replace(wanted, x_px=x)).moments, x_px)
-    )
-    is_known = np.isfinite(by_position).all(axis=(1, 2), keepdims=True)
-    jacobian = np.where(is_known, by_position, solutions.jacobian)
-    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, on, jacobian, bundles.moments)
-    hit_fraction = rig.hit_fraction(bundles.moments)
+    planes_of_rows = planes[solutions.point]
+    bundles = Bundles(x_px, rig.microlens(solutions.cell), PlanePair.twice(planes_of_rows).both, rig.square_px)
+    integral = integrals(rig.tracer, bundles, BLUR_LEVEL)
+    # The Jacobian of the search is a difference over steps of the grid, where J may bend: take it anew.
+    pupils = FrozenPupils(rig.tracer, bundles, BLUR_LEVEL, STEADY)
+
+    def moments_at(x_px: np.ndarray) -> np.ndarray:
+        """Moments of the bundles at other image positions."""
+        return pupils.next_to(rig.tracer, dataclasses.replace(bundles, x_px=x_px)).moments
+
+    derivative = mean_hit(by_x(moments_at, x_px))
+    is_finite = np.isfinite(derivative).all(axis=(1, 2), keepdims=True)
+    jacobian = np.where(is_finite, derivative, solutions.jacobian)
+    blurred, rho, rays = blur_of(rig, solutions.cell, x_px, planes_of_rows, jacobian, integral.moments)
+    hit_fraction = rig.hit_fraction(integral.moments)
     kept = (hit_fraction > 0) & (hit_fraction >= min_hit_fraction)
     with_jacobian = dataclasses.replace(solutions, jacobian=jacobian)
     traced = dataclasses.replace(rows, solutions=with_jacobian, hit_fraction=hit_fraction, blur_px2=blurred, rho_px=rho)
     return traced.only(kept).recounted(
         dropped_hit_fraction=rows.counts.get("dropped_hit_fraction", 0) + int(np.sum(~kept)),
-        rays_of_bundles=bundles.rays + pupils.rays + rays,
+        rays_of_bundles=integral.rays + pupils.rays + rays,
         rows=int(kept.sum()),
     )

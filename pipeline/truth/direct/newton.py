@@ -23,6 +23,7 @@ from pipeline.optics.table import INNER_SQUARED
 from pipeline.records.shapes import Float64, Int64
 from pipeline.truth import blur
 from pipeline.truth.direct.candidates import chief_jacobian, inverse
+from pipeline.truth.direct.residuals import errors_px, mean_hit, over_exposure
 from pipeline.truth.direct.starts import AROUND_PX, BEYOND_PX, MayExist, least_miss
 from pipeline.truth.planes import Exposed
 
@@ -59,30 +60,6 @@ during the rough steps, where the end of the next step counts, too, and once ste
 five more would have to add up."""
 ExposedAt = Callable[[np.ndarray, np.ndarray], Exposed]
 """Function of row indices (m,) and image positions (m, 2) that returns their planes."""
-Integrate = Callable[[np.ndarray], Integral]
-"""Function of planes (n, 2, 4, 3) of rows that returns their integrals."""
-
-
-def over_exposure(exposed: Exposed, integrate: Integrate) -> Integral:
-    """The weighted mean of the integrals over the stretches of an exposure."""
-    first, *later = (integrate(pair.both) for pair in exposed.stretches)
-    if not later:
-        return first
-    share = exposed.weights[:, :, None]
-    moments, error_mm = share[:, 0] * first.moments, share[:, 0] * first.error_mm
-    is_random = first.is_random
-    rays = first.rays
-    for stretch, part in enumerate(later, 1):
-        moments = moments + share[:, stretch] * part.moments
-        error_mm = error_mm + share[:, stretch] * part.error_mm
-        is_random = is_random | part.is_random
-        rays += part.rays
-    return Integral(moments, error_mm, is_random, rays)
-
-
-def mean_hit(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
-    """Mean of the hits of bundles on both planes, (n, 2, ...) [mm]; on equal planes that on one, to the bit."""
-    return (moments[:, :2] + moments[:, 2:4]) / 2
 
 
 class Search:
@@ -96,7 +73,9 @@ class Search:
     Attributes, a row for each candidate:
 
     `x_px`: solutions after `approach` and `refine`; NaN if there is none.
+    `residual`: J at the current positions on the planes [mm], which the search brings to 0.
     `jacobian`: derivative of J by image position [mm per px]; columns are x and y. Before `sharpen` that of the search.
+    `inverse`: its inverse as Broyden's method updates it [px per mm].
     `bend`: distance of J from the mean of its values at both ends of that finite difference, over half of their
     distance.
     `sigma_px`: error of the integral and remaining error of Newton's method, mapped to the image.
@@ -118,14 +97,21 @@ class Search:
         home_px: Float64[np.ndarray, "n 2"],
         square_px: float = 0.0,
     ) -> None:
-        self.tracer, self.microlens, self.home_px, self.square_px = tracer, microlens, home_px, square_px
+        self.tracer = tracer
+        self.microlens = microlens
         self.planes = planes
-        self.x_px, self.anchor_px = x_px.copy(), x_px.copy()
+        self.home_px = home_px
+        self.square_px = square_px
+        self.x_px = x_px.copy()
+        self.anchor_px = x_px.copy()
         self.rays = 0
         n = len(x_px)
-        self.is_random, self.reached = np.zeros(n, bool), np.zeros(n, bool)
-        self.residual, self.sigma_px = np.full((n, 2), np.nan), np.full((n, 2), np.nan)
-        self.jacobian, self.inverse = np.full((n, 2, 2), np.nan), np.full((n, 2, 2), np.nan)
+        self.is_random = np.zeros(n, bool)
+        self.reached = np.zeros(n, bool)
+        self.residual = np.full((n, 2), np.nan)
+        self.sigma_px = np.full((n, 2), np.nan)
+        self.jacobian = np.full((n, 2, 2), np.nan)
+        self.inverse = np.full((n, 2, 2), np.nan)
         self.bend = np.full(n, np.inf)
         self.moments = np.full((n, COLUMNS), np.nan)
         self.lit_moments = self.moments.copy()
@@ -192,14 +178,16 @@ class Search:
         pupils = FrozenPupils(self.tracer, bundles, BLUR_LEVEL, STEADY)
 
         def moments(x_px: np.ndarray) -> np.ndarray:
-            def integrate(on: np.ndarray) -> Integral:
-                return pupils.next_to(self.tracer, replace(bundles, x_px=x_px, planes=on))
+            """Moments of the bundles at other image positions, over their exposure."""
+
+            def integrate(planes: np.ndarray) -> Integral:
+                return pupils.next_to(self.tracer, replace(bundles, x_px=x_px, planes=planes))
 
             return over_exposure(self.planes(rows, x_px), integrate).moments
 
         jacobian = mean_hit(by_x(moments, x_px))
-        is_known = np.isfinite(jacobian).all(axis=(1, 2))
-        self.jacobian[rows[is_known]] = jacobian[is_known]
+        is_finite = np.isfinite(jacobian).all(axis=(1, 2))
+        self.jacobian[rows[is_finite]] = jacobian[is_finite]
         self.rays += pupils.rays
 
     def _converge_at_level(self, rows: np.ndarray, level: int, accuracy_px: float) -> None:
@@ -207,11 +195,11 @@ class Search:
         step = np.zeros_like(self.x_px)
         coarser = self.random_mm.copy()
         self.anchor_px[rows] = self.x_px[rows]
-        for turn in range(_FINE_STEPS):
+        for iteration in range(_FINE_STEPS):
             # Integrate J, and update the inverse Jacobian by the last step.
             integral = pooled(self._integral(rows, self.x_px[rows], level), coarser[rows])
             self.moments[rows] = integral.moments
-            if turn:
+            if iteration:
                 self._measure_contraction(rows, step[rows], mean_hit(integral.moments))
                 self._update(rows, step[rows], mean_hit(integral.moments))
             # Take the Newton step, and bound the error that remains.
@@ -226,16 +214,21 @@ class Search:
                 break
 
     def _measure_contraction(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Measure the contraction of a step, the relative error of the Jacobian, from J at its end."""
+        """Measure the contraction of a step, the relative error of the Jacobian, from J at its end.
+
+        It is the length of the next step over that of this one, and at least `_TRUST`.
+        """
         with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
-            share = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
-        self.contraction[rows] = np.fmax(share, _TRUST)
+            contraction = np.hypot(*_times(self.inverse[rows], j).T) / np.hypot(*step.T)
+        self.contraction[rows] = np.fmax(contraction, _TRUST)
 
     def _remaining_px(self, rows: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Upper bound of the error of Newton's method after a step, (n, 2) [px]."""
-        share = self.contraction[rows, None]
-        trusted = np.where(np.isfinite(share), share, _TRUST) * np.abs(step)
-        return np.where(self.is_random[rows, None], share * np.hypot(*step.T)[:, None], trusted)
+        contraction = self.contraction[rows, None]
+        by_quadrature = np.where(np.isfinite(contraction), contraction, _TRUST) * np.abs(step)
+        # Noise turns steps, so that the error of random rows may lie along either axis.
+        by_random_rays = contraction * np.hypot(*step.T)[:, None]
+        return np.where(self.is_random[rows, None], by_random_rays, by_quadrature)
 
     def _retreat_to_light(self, may_exist: MayExist) -> np.ndarray:
         """Compute J at the first guesses, retreating from dark ones towards `home_px`; returns the rows with light.
@@ -260,16 +253,17 @@ class Search:
         """
         rows = rows[np.isfinite(self.x_px[rows]).all(axis=1)]
         rows = rows[~may_exist(self.x_px[rows], rows, NEARLY_PX)]
-        away = self.x_px[rows] - self.home_px[rows]
-        away /= np.maximum(np.hypot(*away.T), _ROUGH_PX)[:, None]
-        # Keep the first solutions of rows that find none in the image.
+        outward = self.x_px[rows] - self.home_px[rows]
+        outward /= np.maximum(np.hypot(*outward.T), _ROUGH_PX)[:, None]
+        # Keep the first solutions, and search from the best start on the line that leads outward.
         before = [values.copy() for values in (self.x_px, self.residual, self.inverse)]
-        again = rows[self._restart(rows, self.x_px[rows] + BEYOND_PX[:, None, None] * away, may_exist)]
-        self._derive(again)
-        self._damped_steps(again, may_exist)
-        vain = again[~may_exist(self.x_px[again], again, NEARLY_PX)]
+        restarted = rows[self._restart(rows, self.x_px[rows] + BEYOND_PX[:, None, None] * outward, may_exist)]
+        self._derive(restarted)
+        self._damped_steps(restarted, may_exist)
+        # Restore those of rows that have found none in the image.
+        failed = restarted[~may_exist(self.x_px[restarted], restarted, NEARLY_PX)]
         for values, old in zip((self.x_px, self.residual, self.inverse), before, strict=True):
-            values[vain] = old[vain]
+            values[failed] = old[failed]
 
     def _restart(self, rows: np.ndarray, starts_px: np.ndarray, may_exist: MayExist) -> np.ndarray:
         """Move rows to the one of their starts, (m, k, 2), with the smallest residual; returns which have a lit one."""
@@ -291,6 +285,7 @@ class Search:
         middle = self.residual[rows]
         is_random = self.is_random[rows]
         bend = np.zeros(len(rows))
+        # Integrate J at both ends of a step along x and of one along y.
         ends = half_px * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
         x_px = (self.x_px[rows] + ends[:, None]).reshape(-1, 2)
         integral = self._integral(np.tile(rows, len(ends)), x_px, level)
@@ -298,6 +293,7 @@ class Search:
         is_noisy = is_random | integral.is_random.reshape(len(ends), -1).any(axis=0)
         values = mean_hit(integral.moments).reshape(2, 2, -1, 2)
         for i, (plus, minus) in enumerate(values):
+            # Take the central difference, or a one-sided one where an end is dark, and the bend between the ends.
             change = (plus - minus) / 2
             with np.errstate(divide="ignore", invalid="ignore"):  # J that does not move
                 bend = np.maximum(bend, np.hypot(*((plus + minus) / 2 - middle).T) / np.hypot(*change.T))
@@ -313,7 +309,8 @@ class Search:
         # Rows do not wait for each other: while one retreats the rest take their next steps, so that J is computed for
         # many positions at once.
         step = np.empty_like(self.x_px)
-        retreats, steps = np.zeros(len(self.x_px), int), np.zeros(len(self.x_px), int)
+        retreats = np.zeros(len(self.x_px), int)
+        steps = np.zeros(len(self.x_px), int)
         step[rows] = self._next_step(rows)
         while len(rows):
             # Compute J at the ends of the steps, and halve those that end in the dark.
@@ -350,7 +347,10 @@ class Search:
         return step
 
     def _update(self, rows: np.ndarray, step: np.ndarray, j: np.ndarray) -> None:
-        """Broyden's update of the inverse Jacobian, by the smallest change of the Jacobian that fits the step."""
+        """Broyden's update of the inverse Jacobian, by the smallest change of the Jacobian that fits the step.
+
+        `j` is the residual at the end of the step, and becomes that of the rows.
+        """
         inverse = self.inverse[rows]
         moved = _times(inverse, j - self.residual[rows])
         scale = np.einsum("ni,ni->n", step, moved)
@@ -361,11 +361,14 @@ class Search:
         self.residual[rows] = j
 
     def _j(self, rows: np.ndarray, x_px: np.ndarray, level: int = 0) -> np.ndarray:
+        """J of rows at image positions, (k, 2) [mm]."""
         return mean_hit(self._integral(rows, x_px, level).moments)
 
     def _integral(self, rows: np.ndarray, x_px: np.ndarray, level: int) -> Integral:
-        def integrate(on: np.ndarray) -> Integral:
-            bundles = Bundles(x_px, self.microlens[rows], on, self.square_px, self.anchor_px[rows])
+        """Integrals of the bundles of rows at image positions, over their exposure; keeps light and random errors."""
+
+        def integrate(planes: np.ndarray) -> Integral:
+            bundles = Bundles(x_px, self.microlens[rows], planes, self.square_px, self.anchor_px[rows])
             return integrals(self.tracer, bundles, level)
 
         integral = over_exposure(self.planes(rows, x_px), integrate)
@@ -377,12 +380,6 @@ class Search:
         return integral
 
 
-def errors_px(inverse: Float64[np.ndarray, "n 2 2"], integral: Integral) -> np.ndarray:
-    """Error of J in the image [px]: random errors add in squares, differences of two levels linearly."""
-    in_squares = np.sqrt(np.einsum("nij,nj->ni", inverse**2, integral.error_mm**2))
-    directly = np.einsum("nij,nj->ni", np.abs(inverse), integral.error_mm)
-    return np.where(integral.is_random[:, None], in_squares, directly)
-
-
 def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Product of each matrix (n, 2, 2) and its vector (n, 2)."""
     return np.einsum("nij,nj->ni", matrices, vectors)

@@ -35,8 +35,10 @@ def least_miss(
     best_px, best_mm = np.full((2, len(rows), 2), np.nan)
     for x_px in starts_px if len(rows) else ():
         may = may_exist(x_px, rows, 0.0)
-        miss_mm = np.full(x_px.shape, np.nan)
-        miss_mm[may] = j(rows[may], x_px[may])
-        nearer = ~(np.hypot(*miss_mm.T) >= np.hypot(*best_mm.T)) & np.isfinite(miss_mm[:, 0])
-        best_px[nearer], best_mm[nearer] = x_px[nearer], miss_mm[nearer]
+        residual_mm = np.full(x_px.shape, np.nan)
+        residual_mm[may] = j(rows[may], x_px[may])
+        # Before the first start with light the best is NaN, which no residual reaches.
+        is_better = ~(np.hypot(*residual_mm.T) >= np.hypot(*best_mm.T)) & np.isfinite(residual_mm[:, 0])
+        best_px[is_better] = x_px[is_better]
+        best_mm[is_better] = residual_mm[is_better]
     return best_px, best_mm

@@ -74,10 +74,13 @@ def best_of(
 def _in_quads(
     image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
 ) -> RawSolutions:
-    none = np.empty((0, 3), np.int64)
-    quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, none), 3), np.int64)
+    """Solutions by the paper's quad search with its filters, in the quads that begin in the rows `searched`."""
+    # Count the quads that contain a point, and list them.
+    no_quads = np.empty((0, 3), np.int64)
+    quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, no_quads), 3), np.int64)
     quad_search.quads_that_hold(image, grid.cell, points, quads)
     quads = np.ascontiguousarray(quads[(quads[:, 2] >= searched.start) & (quads[:, 2] < searched.stop)])
+    # Filter them, and solve in each.
     status = np.empty(len(quads), np.int64)
     solutions = np.full((len(quads), quad_search.SOLUTION), np.nan)
     limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
@@ -89,17 +92,24 @@ def _in_quads(
         "rejected_angles": int(np.sum(status == quad_search.ANGLES)),
     }
     accepted = status == quad_search.ACCEPTED
-    quads, best = quads[accepted], solutions[accepted]
-    s, t = best[:, quad_search.ALONG], best[:, quad_search.DOWN]
-    corner = quads[:, 1:] + np.array(grid.first_px) * grid.supersampling
-    column, row = corner.T + [_from_corner(best[:, i], quads[:, 1 + i], share) for i, share in ((0, s), (1, t))]
-    gain = np.sqrt((1 - s - t) ** 2 + s**2 + t**2)
-    derivatives = best[:, quad_search.BY_COLUMN : quad_search.ALONG]
-    jacobian = derivatives.reshape(-1, 2, 2).transpose(0, 2, 1)
+    quads = quads[accepted]
+    solutions = solutions[accepted]
+    # Convert them to positions and derivatives in the image.
     k = grid.supersampling
-    cell = grid.cell[quads[:, 2], quads[:, 1]]
-    x, y = image_from_fine(column, k), image_from_fine(row, k)
-    return RawSolutions(Solutions(quads[:, 0], cell, x, y, jacobian * k, gain), best[:, quad_search.DISTANCE], counts)
+    s, t = solutions[:, quad_search.ALONG], solutions[:, quad_search.DOWN]
+    corner = quads[:, 1:] + np.array(grid.first_px) * k
+    column = corner[:, 0] + _from_corner(solutions[:, quad_search.COLUMN], quads[:, 1], s)
+    row = corner[:, 1] + _from_corner(solutions[:, quad_search.ROW], quads[:, 2], t)
+    derivatives = solutions[:, quad_search.BY_COLUMN : quad_search.ALONG]
+    in_image = Solutions(
+        point=quads[:, 0],
+        cell=grid.cell[quads[:, 2], quads[:, 1]],
+        x_px=image_from_fine(column, k),
+        y_px=image_from_fine(row, k),
+        jacobian=derivatives.reshape(-1, 2, 2).transpose(0, 2, 1) * k,
+        noise_gain=np.sqrt((1 - s - t) ** 2 + s**2 + t**2),
+    )
+    return RawSolutions(in_image, solutions[:, quad_search.DISTANCE], counts)
 
 
 def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
@@ -112,23 +122,24 @@ def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) ->
 def _by_nearest(
     image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
 ) -> RawSolutions:
+    """Solutions by the paper's naive search: the nearest value to each point, in each cell, within a threshold."""
     shape = (len(points), len(grid.microlenses))
-    best = np.full(shape, settings.nearest_threshold_mm)
-    where = np.full((*shape, 2), -1)
-    quad_search.nearest_positions(image[searched], grid.cell[searched], points, best, where)
-    point, cell = np.nonzero(where[..., 0] >= 0)
-    column, row = where[point, cell].T
+    nearest_mm = np.full(shape, settings.nearest_threshold_mm)
+    position = np.full((*shape, 2), -1)
+    quad_search.nearest_positions(image[searched], grid.cell[searched], points, nearest_mm, position)
+    point, cell = np.nonzero(position[..., 0] >= 0)
+    column, row = position[point, cell].T
     row = row + searched.start
-    first = np.array(grid.first_px) * grid.supersampling
+    k = grid.supersampling
     solutions = Solutions(
-        point,
-        cell,
-        image_from_fine(column + first[0], grid.supersampling),
-        image_from_fine(row + first[1], grid.supersampling),
-        _central_jacobian(image, column, row) * grid.supersampling,
-        np.ones(len(point)),
+        point=point,
+        cell=cell,
+        x_px=image_from_fine(column + grid.first_px[0] * k, k),
+        y_px=image_from_fine(row + grid.first_px[1] * k, k),
+        jacobian=_central_jacobian(image, column, row) * k,
+        noise_gain=np.ones(len(point)),
     )
-    return RawSolutions(solutions, best[point, cell], {"quads": 0})
+    return RawSolutions(solutions, nearest_mm[point, cell], {"quads": 0})
 
 
 def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
@@ -158,6 +169,7 @@ def with_light(solutions: Solutions, grid: RayGrid, vision_from_target: Float64[
 
 
 def _nearest_fine(solutions: Solutions, grid: RayGrid) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column of the position of the fine grid next to each solution, (n,) int each."""
     k = grid.supersampling
     height, width = grid.cell.shape
     column, row = (
@@ -218,7 +230,8 @@ def _sigma(solutions: Solutions, grid: RayGrid, blurred: np.ndarray, covariance:
 def _pooled_error(grid: RayGrid, row: np.ndarray, column: np.ndarray, cell: np.ndarray) -> np.ndarray:
     """Root mean square of the errors of up to nine surrounding positions in the same cell, (n, 2) [px]."""
     # The error of a single position is estimated from four replicas and is itself uncertain by 40 %.
-    total, count = np.zeros((len(row), 2)), np.zeros((len(row), 1))
+    total = np.zeros((len(row), 2))
+    count = np.zeros((len(row), 1))
     for j in (-1, 0, 1):
         for i in (-1, 0, 1):
             y, x = (row + j).clip(0, grid.cell.shape[0] - 1), (column + i).clip(0, grid.cell.shape[1] - 1)
@@ -261,12 +274,12 @@ def correspond_points(
     planes = [plane for plane in planes if plane.pose[:3, 2] @ plane.pose[:3, 3] < 0]
     if not planes:
         return None
-    found: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
+    rows_by_plane: dict[int, list[tuple[Correspondences, np.ndarray]]] = {plane.number: [] for plane in planes}
     for rows_px, rows in _bands(rays):
         band = _Band(rays.window(rows, slice(0, rays.size_px[0])), rows_px, settings)
         for plane in planes:
-            found[plane.number].append(band.rows_of(plane, image_of))
-    parts = [_best(plane, found[plane.number], rays, settings) for plane in planes]
+            rows_by_plane[plane.number].append(band.rows_of(plane, image_of))
+    parts = [_best(plane, rows_by_plane[plane.number], rays, settings) for plane in planes]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     joined = functools.reduce(Correspondences.joined, parts)
     return replace(joined, counts=counts).sorted_by(rays.axial)
@@ -274,6 +287,8 @@ def correspond_points(
 
 @dataclass(frozen=True, slots=True)
 class _Plane:
+    """A tangent plane with the points that share it, and its pose vision_from_plane, (4, 4)."""
+
     number: int
     plane: TangentPlane
     pose: np.ndarray
@@ -283,10 +298,10 @@ def _bands(rays: AnyRayGrid) -> Iterator[tuple[slice, slice]]:
     """Bands of rows of the image, each also with the surrounding rows that a search reads."""
     width, height = rays.size_px
     rows = max(1, _BAND_POSITIONS // (width * rays.supersampling**2))
-    room = REACH_PX + math.ceil(REACH_STEPS / rays.supersampling)
+    margin = REACH_PX + math.ceil(REACH_STEPS / rays.supersampling)
     for first in range(0, height, rows):
         end = min(first + rows, height)
-        yield slice(first, end), slice(max(first - room, 0), min(end + room, height))
+        yield slice(first, end), slice(max(first - margin, 0), min(end + margin, height))
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,12 +314,15 @@ class _Band:
 
     def rows_of(self, plane: _Plane, image_of: ImageOf) -> tuple[Correspondences, np.ndarray]:
         """Rows of the points of a plane, with positions in the full image, and the distance of the nearest value."""
-        k, (width, height) = self.rays.supersampling, self.rays.size_px
+        k = self.rays.supersampling
+        width, height = self.rays.size_px
+        # A point with a plane of its own, as on a curved target, is sought in a window around it.
         rows, columns = slice(0, height), slice(0, width)
         if len(plane.plane.members) == 1 and self.settings.method != "image":
             rows, columns = _window(self.rays, apply(plane.pose, plane.plane.points_mm)[0])
         window = self.rays.window(rows, columns)
         image = image_of(plane.number, plane.pose, window)
+        # Search the rows of the band that lie in the window.
         low, high = ((row - window.first_px[1]) * k for row in (self.searched.start, self.searched.stop))
         searched = slice(max(low, 0), max(min(high, len(image)), 0))
         raw = sightings(image, plane.plane.points_mm, window, self.settings, searched)
@@ -313,12 +331,15 @@ class _Band:
 
 
 def _best(
-    plane: _Plane, found: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
+    plane: _Plane, bands: list[tuple[Correspondences, np.ndarray]], rays: AnyRayGrid, settings: TruthSettings
 ) -> Correspondences:
-    parts = [part for part, _ in found]
+    """Rows of a plane that exist, from those of all bands and their distances of the nearest value: the best of each
+    point and cell, with the numbers of points in the target.
+    """
+    parts = [part for part, _ in bands]
     counts = {name: sum(part.counts[name] for part in parts) for name in parts[0].counts}
     rows = functools.reduce(Correspondences.joined, parts)
-    best, ambiguous = best_of(rows.solutions, np.concatenate([nearest for _, nearest in found]), settings)
+    best, ambiguous = best_of(rows.solutions, np.concatenate([nearest for _, nearest in bands]), settings)
     chosen = replace(rows.only(best), counts={**counts, "ambiguous": ambiguous})
     kept = existing(chosen, rays, settings.min_hit_fraction)
     return replace(kept, solutions=replace(kept.solutions, point=plane.plane.members[kept.solutions.point]))
@@ -326,6 +347,7 @@ def _best(
 
 def _window(grid: RayGrid, point_mm: np.ndarray) -> tuple[slice, slice]:
     """Rows and columns of the image around all pixels whose mean ray passes near a point of the vision frame."""
+    # Cross the plane at the point's depth with the mean rays, and take those within a few of their own steps from it.
     share = (point_mm[2] - grid.near_mm) / (grid.far_mm - grid.near_mm)
     crossing = grid.near + share * (grid.far - grid.near)
     steps = [np.abs(np.diff(crossing, axis=axis)).max(axis=-1) for axis in (0, 1)]
@@ -344,12 +366,13 @@ def largest_sag_mm(rows: Correspondences, points: TargetPoints) -> float:
 
     Half the curvature times the square of two standard deviations, along the widest axis of the bundle on the plane.
     """
-    bend = points.curvature_per_mm[rows.solutions.point]
-    if not bend.any():
+    curvature_per_mm = points.curvature_per_mm[rows.solutions.point]
+    if not curvature_per_mm.any():
         return 0.0
     jacobian = rows.solutions.jacobian
     on_plane = jacobian @ rows.blur_px2 @ jacobian.transpose(0, 2, 1)
     finite = ~np.isnan(on_plane).any(axis=(1, 2))
     if not finite.any():
         return 0.0
-    return float(np.max(2 * bend[finite] * np.linalg.eigvalsh(on_plane[finite])[:, -1]))
+    widest_mm2 = np.linalg.eigvalsh(on_plane[finite])[:, -1]
+    return float(np.max(2 * curvature_per_mm[finite] * widest_mm2))

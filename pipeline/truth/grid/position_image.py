@@ -58,7 +58,9 @@ def _difference(image: np.ndarray, cell: np.ndarray) -> np.ndarray:
     step[cell[:, 1:] != cell[:, :-1]] = np.nan
     finite = ~np.isnan(step)
     step = np.where(finite, step, 0)
-    total, count = np.zeros(image.shape, image.dtype), np.zeros(image.shape, image.dtype)
+    # Each step is the forward difference of the position before it, and the backward one of the position behind it.
+    total = np.zeros(image.shape, image.dtype)
+    count = np.zeros(image.shape, image.dtype)
     for side in (slice(None, -1), slice(1, None)):
         total[:, side] += step
         count[:, side] += finite
@@ -69,6 +71,7 @@ def in_pixels(
     variance: Num[np.ndarray, "... 2"], derivative: Num[np.ndarray, "... 2 2"], supersampling: int
 ) -> np.ndarray:
     """Standard errors in the image, (..., 2) [px], of a mean crossing, from its variances along x and y [mm^2]."""
+    # Variances in the image are sums over both axes of the squared elements of the inverse derivative.
     a, b, c, d = derivative[..., 0, 0], derivative[..., 0, 1], derivative[..., 1, 0], derivative[..., 1, 1]
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1 / (a * d - b * c) ** 2

@@ -57,7 +57,7 @@ def _lengths_ok(image, oi, oj, ei, ej, limit):
     """Whether all 12 distances of neighbours in each direction deviate from their mean by at most `limit` [1]."""
     for along_i in (True, False):
         total = 0.0
-        for attempt in range(2):
+        for is_test in (False, True):  # first sum all lengths, then test each against their mean
             mean = total / 12.0
             for a in range(-1, 2):
                 for b in range(-1, 3):
@@ -65,7 +65,7 @@ def _lengths_ok(image, oi, oj, ei, ej, limit):
                     k, l = (a + 1, b) if along_i else (b, a + 1)
                     p, q = image[oj + j * ej, oi + i * ei], image[oj + l * ej, oi + k * ei]
                     length = math.hypot(p[0] - q[0], p[1] - q[1])
-                    if attempt == 0:
+                    if not is_test:
                         total += length
                     elif not abs(1.0 - length / mean) < limit:
                         return False
@@ -76,7 +76,7 @@ def _lengths_ok(image, oi, oj, ei, ej, limit):
 def _angles_ok(image, oi, oj, ei, ej, limit):
     """Whether all 9 angles between the two steps deviate from their mean by at most `limit` [rad]."""
     total = 0.0
-    for attempt in range(2):
+    for is_test in (False, True):  # first sum all angles, then test each against their mean
         mean = total / 9.0
         for a in range(-1, 2):
             for b in range(-1, 2):
@@ -85,7 +85,7 @@ def _angles_ok(image, oi, oj, ei, ej, limit):
                 r = image[oj + (b + 1) * ej, oi + a * ei]
                 ux, uy, vx, vy = q[0] - p[0], q[1] - p[1], r[0] - p[0], r[1] - p[1]
                 angle = abs(math.atan2(ux * vy - uy * vx, ux * vx + uy * vy))
-                if attempt == 0:
+                if not is_test:
                     total += angle
                 elif not abs(angle - mean) < limit:
                     return False
@@ -130,6 +130,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
         p, i, j = quads[n]
         x = points[p, 0]
         y = points[p, 1]
+        # Take the corner whose value is nearest to the point as the corner o, with steps e_i and e_j into the quad.
         oi, oj, best = i, j, np.inf
         for dj in range(2):
             for di in range(2):
@@ -139,6 +140,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
                     oi, oj, best = i + di, j + dj, distance
         ei, ej = (1 if oi == i else -1), (1 if oj == j else -1)
         status[n] = ACCEPTED
+        # Apply the paper's filters to the quad and its surroundings.
         if limits.is_used:
             if not _window_in_cell(image, cell, i, j):
                 status[n] = WINDOW
@@ -149,6 +151,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
             if not _angles_ok(image, oi, oj, ei, ej, limits.lambda_alpha):
                 status[n] = ANGLES
                 continue
+        # Solve the two linear equations for (s, t) by Cramer's rule.
         o, a, b = image[oj, oi], image[oj, oi + ei], image[oj + ej, oi]
         ax, ay, bx, by = a[0] - o[0], a[1] - o[1], b[0] - o[0], b[1] - o[1]
         determinant = ax * by - ay * bx
@@ -161,10 +164,10 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
 
 
 @kernel
-def nearest_positions(image, cell, points, best, where):
+def nearest_positions(image, cell, points, best, position):
     """The paper's naive search: per point and cell the position with the nearest value.
 
-    Updates `best` (p, c), the distance of the nearest value [mm], and `where` (p, c, 2), its column and row.
+    Updates `best` (p, c), the distance of the nearest value [mm], and `position` (p, c, 2), its column and row.
     """
     for j in range(image.shape[0]):
         for i in range(image.shape[1]):
@@ -175,4 +178,4 @@ def nearest_positions(image, cell, points, best, where):
                 distance = math.hypot(image[j, i, 0] - points[p, 0], image[j, i, 1] - points[p, 1])
                 if distance < best[p, label]:
                     best[p, label] = distance
-                    where[p, label, 0], where[p, label, 1] = i, j
+                    position[p, label, 0], position[p, label, 1] = i, j

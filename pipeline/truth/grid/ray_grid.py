@@ -11,7 +11,7 @@ from pipeline.records.shapes import Float64, Int64, Num
 class AnyRayGrid:
     """The bundles of a camera, in memory or in a file that is read by windows; fields as in `RayGrid`.
 
-    Cells are those of the centres of micro-images; see the protocol `truth.rows.Whereabouts`.
+    Cells are those of the centres of micro-images; see the protocol `truth.rows.ImageCells`.
     """
 
     __slots__ = ()

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pipeline.camera.integrating.quadrature import Polar, bundle_hits
+from pipeline.camera.integrating.polar_hits import Polar, bundle_hits
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
 
@@ -58,6 +58,7 @@ class BundleMap:
         return replace(self, offsets=self.offsets[::2], fields=self.fields[kept])
 
     def _lagrange(self, t: np.ndarray) -> np.ndarray:
+        """Lagrange polynomials of the grid lines at coordinates from -1 to 1, (..., k)."""
         result = np.ones((*t.shape, len(self.offsets)))
         for i, node in enumerate(self.offsets):
             for other in np.delete(self.offsets, i):
@@ -85,8 +86,8 @@ def bundle_maps(
     """The maps of a grid in each wavelength of a camera's light, with its share; None if one of them is None."""
     maps = []
     for light in tracer.lights:
-        around = bundle_map(light.tracer, microlens, plane, grid, nodes)
-        if around is None:
+        traced_map = bundle_map(light.tracer, microlens, plane, grid, nodes)
+        if traced_map is None:
             return None
-        maps.append((light.share, around))
+        maps.append((light.share, traced_map))
     return maps

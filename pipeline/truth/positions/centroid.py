@@ -13,7 +13,7 @@ missing light, as long as the white around it is uniform.
 import numpy as np
 
 from pipeline.camera.boundary import even_angles, unit_nodes, unit_vectors
-from pipeline.camera.integrating.quadrature import Polar
+from pipeline.camera.integrating.polar_hits import Polar
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.records.shapes import Float64
@@ -52,13 +52,15 @@ def centroid(
         if images is None:
             return NONE
         parts.append([(share * light, x) for light, x in images])
+    # The mean over the wavelengths, each weighed by its share of the light, by both accuracies.
     rough, fine = (_mean(list(level)) for level in zip(*parts, strict=True))
     return Position(fine, float(np.hypot(*(fine - rough))))
 
 
 def _mean(parts: list[tuple[float, np.ndarray]]) -> np.ndarray:
     """Weighted mean of positions (2,), counted from the first one."""
-    weight, first = sum(weight for weight, _ in parts), parts[0][1]
+    weight = sum(weight for weight, _ in parts)
+    first = parts[0][1]
     return first + sum((weight * (x - first) for weight, x in parts), np.zeros(2)) / weight
 
 
@@ -68,11 +70,12 @@ def _disc_images(
     """Light and centroid of the disc's image in one wavelength, rough and fine; None if it is incomplete."""
     microlens = int(rig.microlens(np.array([cell]))[0])
     images = []
-    grid = TracedGrid(x_px, np.full(2, _LOOK_PX), 3)
-    look = bundle_map(tracer, microlens, plane, grid, Polar(np.array([0.5, 1.0]), 16))
-    if look is None:
+    # Estimate the image of the disc's edge from a small box around the start.
+    small_grid = TracedGrid(x_px, np.full(2, _LOOK_PX), 3)
+    small_map = bundle_map(tracer, microlens, plane, small_grid, Polar(np.array([0.5, 1.0]), 16))
+    if small_map is None:
         return None
-    positions = _linear(look, radius_mm * unit_vectors(even_angles(16)))
+    positions = _linear(small_map, radius_mm * unit_vectors(even_angles(16)))
     for order, rings, directions, *disc in (_ROUGH, _FINE):
         # Trace a box that holds the image of the disc by every node.
         shares, weight = unit_nodes(rings)
@@ -80,12 +83,12 @@ def _disc_images(
             low, high = positions.min(axis=(0, 1, 2)), positions.max(axis=(0, 1, 2))
             half = (high - low) / 2
             grid = TracedGrid((low + high) / 2, _SLACK * half, order)
-            around = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
-            if around is None:
+            disc_map = bundle_map(tracer, microlens, plane, grid, Polar(shares, directions))
+            if disc_map is None:
                 return None
-            positions = _positions_seeing(around, radius_mm * unit_vectors(even_angles(64)))[0]
+            positions = _positions_seeing(disc_map, radius_mm * unit_vectors(even_angles(64)))[0]
             # The box was an estimate; polynomials hold only a little beyond it.
-            if (np.abs(positions - around.x_px) <= _LARGER * half).all():
+            if (np.abs(positions - disc_map.x_px) <= _LARGER * half).all():
                 break
         else:
             return None
@@ -93,52 +96,60 @@ def _disc_images(
         rim = positions.reshape(-1, 2)
         if not (rig.in_image(rim) & rig.in_cell(rim, np.full(len(rim), cell))).all():
             return None
-        images.append(_light_and_centroid(around, shares * weight, radius_mm, disc))
+        images.append(_light_and_centroid(disc_map, shares * weight, radius_mm, disc))
     return images
 
 
 def _light_and_centroid(
-    around: BundleMap, measure: np.ndarray, radius_mm: float, disc: list[int]
+    disc_map: BundleMap, ring_weight: np.ndarray, radius_mm: float, disc: list[int]
 ) -> tuple[float, np.ndarray]:
-    shares, weight = unit_nodes(disc[0])
-    points = radius_mm * (shares[:, None, None] * unit_vectors(even_angles(disc[1]))).reshape(-1, 2)
-    x, density, area = _positions_seeing(around, points)
-    light = density * area * np.repeat(shares * weight, disc[1]) * measure[:, None]
+    """Light and centroid (2,) [px] of the image of a disc: the integral at the top of the module, by quadrature.
+
+    `ring_weight`: weight of each ring of the bundle, (r,). `disc`: numbers of rings and directions of the disc.
+    """
+    rings, directions = disc
+    shares, weight = unit_nodes(rings)
+    points = radius_mm * (shares[:, None, None] * unit_vectors(even_angles(directions))).reshape(-1, 2)
+    x, density, area = _positions_seeing(disc_map, points)
+    light = density * area * np.repeat(shares * weight, directions) * ring_weight[:, None]
     # Directions of the bundle, and of the disc, represent equal angles.
-    total = light.sum() / (len(light) * disc[1])
+    total = light.sum() / (len(light) * directions)
     return float(total), np.einsum("arm,armi->i", light, x) / light.sum()
 
 
-def _linear(look: BundleMap, points_mm: np.ndarray) -> np.ndarray:
+def _linear(bundle: BundleMap, points_mm: np.ndarray) -> np.ndarray:
     """Image positions (a, r, m, 2) from which nodes see points (m, 2) of the plane, linearised about the middle."""
-    middle = np.broadcast_to(look.x_px, (*look.fields.shape[1:3], 1, 2))
-    apart = points_mm - _fields(look, middle)[..., :2]
-    return look.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(look, middle)), apart)
+    middle = np.broadcast_to(bundle.x_px, (*bundle.fields.shape[1:3], 1, 2))
+    apart_mm = points_mm - _fields(bundle, middle)[..., :2]
+    return bundle.x_px + np.einsum("armij,armj->armi", np.linalg.inv(_jacobian(bundle, middle)), apart_mm)
 
 
-def _positions_seeing(around: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane; density and px^2 per mm^2 there."""
-    middle = np.broadcast_to(around.x_px, (*around.fields.shape[1:3], 1, 2))
-    inverse = np.linalg.inv(_jacobian(around, middle))
-    x = _linear(around, points_mm)
+def _positions_seeing(bundle: BundleMap, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Positions (a, r, m, 2) [px] from which nodes see points (m, 2) of the plane; density and px^2 per mm^2 there.
+
+    Newton's method with the Jacobian of the middle, from the linear guess.
+    """
+    middle = np.broadcast_to(bundle.x_px, (*bundle.fields.shape[1:3], 1, 2))
+    inverse = np.linalg.inv(_jacobian(bundle, middle))
+    x = _linear(bundle, points_mm)
     for _ in range(_STEPS):
-        step = np.einsum("armij,armj->armi", inverse, points_mm - _fields(around, x)[..., :2])
+        step = np.einsum("armij,armj->armi", inverse, points_mm - _fields(bundle, x)[..., :2])
         x = x + step
         if not np.abs(step).max() > _DONE_PX:
             break
-    area = 1 / np.abs(np.linalg.det(_jacobian(around, x)))
-    return x, _fields(around, x)[..., 2], area
+    area = 1 / np.abs(np.linalg.det(_jacobian(bundle, x)))
+    return x, _fields(bundle, x)[..., 2], area
 
 
-def _fields(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
-    """Coordinates and density of nodes, each at its own positions (a, r, m, 2), (a, r, m, 3)."""
-    return around.basis(x_px) @ around.fields.transpose(1, 2, 0, 3)
+def _fields(bundle: BundleMap, x_px: np.ndarray) -> np.ndarray:
+    """Coordinates and density (a, r, m, 3) of nodes, each at its own positions (a, r, m, 2)."""
+    return bundle.basis(x_px) @ bundle.fields.transpose(1, 2, 0, 3)
 
 
-def _jacobian(around: BundleMap, x_px: np.ndarray) -> np.ndarray:
+def _jacobian(bundle: BundleMap, x_px: np.ndarray) -> np.ndarray:
     """Jacobian of the coordinates by position, (a, r, m, 2, 2) [mm per px]."""
     columns = []
-    for axis in np.eye(2) * _DIFFERENCE * around.half_px:
-        change = _fields(around, x_px + axis) - _fields(around, x_px - axis)
+    for axis in np.eye(2) * _DIFFERENCE * bundle.half_px:
+        change = _fields(bundle, x_px + axis) - _fields(bundle, x_px - axis)
         columns.append(change[..., :2] / (2 * np.hypot(*axis)))
     return np.stack(columns, axis=-1)

@@ -33,7 +33,7 @@ _BISECTIONS = 40
 """Bisections of the 6 degrees that contain an edge: to 1e-13 rad, below the rounding of points on the circle."""
 _FIRST = 0.4321
 """First direction, as a fraction of the angle between two [1]: no pattern has an edge there."""
-_SETTLED_PX, _TURNS = 1e-7, 8
+_SETTLED_PX, _ITERATIONS = 1e-7, 8
 """Error of a moving point's position at which the iteration for its time has converged [px], a ten-thousandth of the
 default claim, and the most iterations: each about doubles the digits."""
 _STRAIGHT_RAD = 1e-6
@@ -56,11 +56,12 @@ def corners_of(target: AnyTarget) -> Corners:
         n = len(target.points_mm)
         return Corners(np.full((n, 2, 3), np.nan), np.full(n, np.nan))
     pieces = [(patch, pattern) for patch, pattern in target.surface.patches(target.pattern) if pattern]
-    edges, colours = zip(*(_on(patch, pattern) for patch, pattern in pieces), strict=True)
-    return Corners(np.concatenate(edges), np.concatenate(colours))
+    edges, ratios = zip(*(_corners_of_patch(patch, pattern) for patch, pattern in pieces), strict=True)
+    return Corners(np.concatenate(edges), np.concatenate(ratios))
 
 
-def _on(patch: Patch, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
+def _corners_of_patch(patch: Patch, pattern: Pattern) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (n, 2, 3) and ratios (n,) of `Corners` for the points of one patch of a target."""
     xy_mm = pattern.marks().xy_mm
     contrast = pattern.white - pattern.black
     edges = np.full((len(xy_mm), 2, 3), np.nan)
@@ -81,24 +82,31 @@ def corner_edges(drawing: Drawing, xy_mm: Float64[np.ndarray, "n 2"]) -> np.ndar
 
 
 def _edges(drawing: Drawing, point: np.ndarray) -> np.ndarray:
-    none = np.full(2, np.nan)
+    """The two directions of `corner_edges` for one point (2,), from the colours on a small circle around it."""
+    no_corner = np.full(2, np.nan)
+    # Bracket the changes of colour along the circle: an X-corner has four.
     angle = 2 * np.pi * (np.arange(_DIRECTIONS) + _FIRST) / _DIRECTIONS
     colour = _colour(drawing, point, angle)
     change = np.flatnonzero(colour != np.roll(colour, -1))
     if len(change) != 4 or np.isnan(colour).any():
-        return none
-    low, high, before = angle[change], angle[change] + 2 * np.pi / _DIRECTIONS, colour[change]
+        return no_corner
+    # Bisect each bracket for the direction of its edge.
+    before = colour[change]
+    low = angle[change]
+    high = low + 2 * np.pi / _DIRECTIONS
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         same = _colour(drawing, point, middle) == before
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     edge = (low + high) / 2
+    # The third and the fourth edge must continue the first and the second.
     if np.abs(edge[2:] - edge[:2] - np.pi).max() > _STRAIGHT_RAD:
-        return none
+        return no_corner
     return edge[:2] if before[0] == 0 else edge[1:3]
 
 
 def _colour(drawing: Drawing, point: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Whiteness of a drawing in directions from a point, on the small circle."""
     return drawing.whiteness(point[0] + _CIRCLE_MM * np.cos(angle), point[1] + _CIRCLE_MM * np.sin(angle))
 
 
@@ -129,6 +137,7 @@ class SetNote:
         return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
 
     def joined(self, other: "SetNote") -> "SetNote":
+        """The note of the rows of both."""
         errors = [note.error_px for note in (self, other) if note.error_px is not None]
         return SetNote(
             name=self.name,
@@ -147,6 +156,7 @@ class ColumnSet:
 
 
 def column_names(name: str) -> tuple[str, str]:
+    """Names of the two columns of a set in the table."""
     return f"{name}_x_px", f"{name}_y_px"
 
 
@@ -159,36 +169,43 @@ def column_set(
     """
     axis = planes.shutter.axis
     make = _MAKERS[name]
-    x, before = rows.xy_px.copy(), rows.xy_px
-    miss_before = np.zeros(len(rows.point))
-    for _ in range(_TURNS):
+    x = rows.xy_px.copy()
+    x_before = rows.xy_px
+    residual_before = np.zeros(len(rows.point))
+    for _ in range(_ITERATIONS):
+        # Make the set of the still target at the time of x, and compare its coordinate along the scan with that of x.
         poses = pose if planes.motion is None else planes.motion.at(planes.middle_s(x))
         result = make(rig, target, poses, planes.middle(rows.point, x), rows)
-        miss = result.x_px[:, axis] - x[:, axis]
-        if not (planes.moves and planes.shutter.line_by_px_s and (np.abs(miss) > _SETTLED_PX).any()):
+        residual = result.x_px[:, axis] - x[:, axis]
+        if not (planes.moves and planes.shutter.line_by_px_s and (np.abs(residual) > _SETTLED_PX).any()):
             break
         # The time depends on the coordinate along the scan only: a secant step, and first a fixed-point step.
         with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (miss - miss_before) / (x - before)[:, axis]
-            step = np.where(np.isfinite(slope), -miss / slope, np.nan_to_num(miss))
-        before, miss_before, x = x, miss, x + step[:, None] * np.eye(2)[axis]
+            slope = (residual - residual_before) / (x - x_before)[:, axis]
+            step = np.where(np.isfinite(slope), -residual / slope, np.nan_to_num(residual))
+        x_before = x
+        residual_before = residual
+        x = x + step[:, None] * np.eye(2)[axis]
     return result
 
 
 def _chief(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
+    """The set of chief rays; arguments as in `column_set`, with the tangent planes of the rows' points (n, 4, 3)."""
     x = chief_points(rig.tracer, rig.microlens(rows.cell), rows.xy_px, planes)
     return _noted("chief", x, {"no such ray": np.isnan(x[:, 0])}, None)
 
 
 def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
-    around = corners_of(target)
+    """The set of saddles; arguments as in `_chief`."""
+    corners = corners_of(target)
     microlens = rig.microlens(rows.cell)
     start = rows.xy_px
-    edges = around.edges[rows.point] @ np.swapaxes(pose[..., :3, :3], -1, -2)
+    edges = corners.edges[rows.point] @ np.swapaxes(pose[..., :3, :3], -1, -2)
     is_corner = np.isfinite(edges).all(axis=(1, 2))
 
     def saddle_of(i: int) -> Position:
-        ratio = float(around.mean_over_contrast[rows.point[i]])
+        """The saddle of row i."""
+        ratio = float(corners.mean_over_contrast[rows.point[i]])
         return saddle(rig.tracer, int(microlens[i]), start[i], corner_plane(planes[i], edges[i]), ratio)
 
     x, error = _one_by_one(is_corner, saddle_of)
@@ -197,6 +214,7 @@ def _saddles(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, 
 
 
 def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray, rows: Solutions) -> ColumnSet:
+    """The set of centroids; arguments as in `_chief`."""
     radius = target.points().radius_mm[rows.point]
     start = rows.xy_px
     is_disc = ~np.isnan(radius)
@@ -207,15 +225,17 @@ def _centroids(rig: Rig, target: AnyTarget, pose: np.ndarray, planes: np.ndarray
 
 def _one_by_one(wanted: np.ndarray, solve: Callable[[int], Position]) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 2) and errors (n,) of the wanted rows; NaN for the rest."""
-    found = [solve(i) if is_wanted else NONE for i, is_wanted in enumerate(wanted.tolist())]
-    return np.array([each.x_px for each in found]).reshape(-1, 2), np.array([each.error_px for each in found])
+    positions = [solve(i) if is_wanted else NONE for i, is_wanted in enumerate(wanted.tolist())]
+    x_px = np.array([position.x_px for position in positions]).reshape(-1, 2)
+    return x_px, np.array([position.error_px for position in positions])
 
 
 _MAKERS = {"chief": _chief, "saddle": _saddles, "centroid": _centroids}
 
 
 def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px: np.ndarray | None) -> ColumnSet:
-    is_known = ~np.isnan(x_px[:, 0])
-    largest = float(error_px[is_known].max()) if error_px is not None and is_known.any() else None
+    """Positions (n, 2) with their note; `reasons` says for each reason which rows it leaves empty, (n,) bool."""
+    has_position = ~np.isnan(x_px[:, 0])
+    largest = float(error_px[has_position].max()) if error_px is not None and has_position.any() else None
     empty = {why: int(is_empty.sum()) for why, is_empty in reasons.items()}
-    return ColumnSet(x_px, SetNote(name=name, rows=int(is_known.sum()), empty=empty, error_px=largest))
+    return ColumnSet(x_px, SetNote(name=name, rows=int(has_position.sum()), empty=empty, error_px=largest))

@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.camera.boundary import unit_nodes
 from pipeline.camera.frozen_pupils import by_x
-from pipeline.camera.integrating.quadrature import Polar
+from pipeline.camera.integrating.polar_hits import Polar
 from pipeline.camera.tracer import Tracer
 from pipeline.jit.decorators import inline, kernel
 from pipeline.records.shapes import Float64
@@ -106,11 +106,12 @@ class CornerImage:
     `along`: Gauss-Legendre nodes along each part of a pixel's side.
     """
 
-    def __init__(self, around: BundleMap, ratio: float, step: int = 1, along: int = 4) -> None:
-        self.around, self.ratio = around, ratio
+    def __init__(self, bundle: BundleMap, ratio: float, step: int = 1, along: int = 4) -> None:
+        self.bundle = bundle
+        self.ratio = ratio
         self.along = unit_nodes(along)
-        self.fields = np.ascontiguousarray(around.fields[:, ::step, ::step])
-        self.angle = around.angle.reshape(-1, step).sum(axis=1)
+        self.fields = np.ascontiguousarray(bundle.fields[:, ::step, ::step])
+        self.angle = bundle.angle.reshape(-1, step).sum(axis=1)
         self.nodes = np.empty(self.fields.shape[1:])
 
     def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
@@ -119,7 +120,8 @@ class CornerImage:
         return np.array([right - left, lower - upper])
 
     def _at(self, x_px: np.ndarray) -> np.ndarray:
-        blend(self.fields, self.around.basis(x_px), self.nodes)
+        """Coordinates and density of the nodes at an image position, (a, r, 3)."""
+        blend(self.fields, self.bundle.basis(x_px), self.nodes)
         return self.nodes
 
     def _along(self, ends: np.ndarray) -> float:
@@ -139,15 +141,16 @@ class CornerImage:
         return total
 
     def _extremes(self, x_px: np.ndarray) -> np.ndarray:
+        """Least and largest coordinates u and v of the nodes at an image position, (4,) [mm]."""
         flat = self._at(x_px)[..., :2].reshape(-1, 2)
         return np.concatenate([flat.min(axis=0), flat.max(axis=0)])
 
 
 def gradient_of(
-    around: Sequence[tuple[float, BundleMap]], ratio: float, step: int, along: int
+    maps: Sequence[tuple[float, BundleMap]], ratio: float, step: int, along: int
 ) -> Callable[[np.ndarray], np.ndarray]:
     """Gradient of the weighted sum of a corner's images in the wavelengths of a camera's light."""
-    images = [(share, CornerImage(bundle, ratio, step, along)) for share, bundle in around]
+    images = [(share, CornerImage(bundle, ratio, step, along)) for share, bundle in maps]
     return lambda x_px: np.sum([share * image.gradient(x_px) for share, image in images], axis=0)
 
 
@@ -214,41 +217,47 @@ def saddle(
         return NONE
     x_px, spread_px = start
     moved = np.inf
-    off, hessian = np.full((3, 2), np.nan), np.full((2, 2), np.nan)
+    errors = np.full((3, 2), np.nan)
+    hessian = np.full((2, 2), np.nan)
+    # Indices into the lists of finer and finer approximations, and the last of each list.
     level, degree, along = 0, 0, 1
-    most = len(_LEVELS) - 1, len(_ORDERS) - 1, len(_ALONG) - 1
+    finest = len(_LEVELS) - 1, len(_ORDERS) - 1, len(_ALONG) - 1
     while True:
         # Solve grad E = 0 on a map around the saddle, and trace the map anew until the saddle is in its middle.
         for _ in range(_ROUNDS):
             rings, directions = _LEVELS[level]
             nodes = Polar(np.arange(rings + 1) / rings, directions, has_corners=True)
             grid = TracedGrid(x_px, np.full(2, _HALF_PX), _ORDERS[degree])
-            around = bundle_maps(tracer, microlens, plane, grid, nodes)
-            if around is None:
+            maps = bundle_maps(tracer, microlens, plane, grid, nodes)
+            if maps is None:
                 return NONE
-            gradient = gradient_of(around, ratio, 1, _ALONG[along])
+            gradient = gradient_of(maps, ratio, 1, _ALONG[along])
             hessian = hessian_of(gradient, x_px) if np.isnan(hessian).any() else hessian
             solution, hessian = _newton(gradient, x_px, hessian)
-            moved, x_px = np.hypot(*(solution - x_px)), solution
+            moved = np.hypot(*(solution - x_px))
+            x_px = solution
             if not moved > _CENTRED_PX:
                 break
         if not moved <= _CENTRED_PX:
             break
-        # Solve again with coarser triangles, polynomials and sides of the pixel, for the error of each.
-        assert around is not None
-        straighter = [(share, bundle.coarser()) for share, bundle in around]
-        rougher = ((around, _ALONG[along]), (straighter, _ALONG[along]), (around, _ALONG[along - 1]))
-        coarse, *coarser = (_newton(gradient_of(of, ratio, 2, nodes), x_px, hessian)[0] for of, nodes in rougher)
-        off = np.array([(x_px - coarse) / 3, *(coarse - other for other in coarser)])
-        more = ~(np.hypot(*off.T) < _GOOD_PX) & (np.array([level, degree, along]) < most)
-        if not more.any():
+        # Solve again with coarser triangles, and then also with coarser polynomials or sides of the pixel, for the
+        # error of each: halving the size of triangles leaves a third of the difference.
+        assert maps is not None
+        coarser_maps = [(share, bundle.coarser()) for share, bundle in maps]
+        coarse = _newton(gradient_of(maps, ratio, 2, _ALONG[along]), x_px, hessian)[0]
+        coarse_degree = _newton(gradient_of(coarser_maps, ratio, 2, _ALONG[along]), x_px, hessian)[0]
+        coarse_side = _newton(gradient_of(maps, ratio, 2, _ALONG[along - 1]), x_px, hessian)[0]
+        errors = np.array([(x_px - coarse) / 3, coarse - coarse_degree, coarse - coarse_side])
+        # Refine what errs too much, if there is a finer approximation.
+        refined = ~(np.hypot(*errors.T) < _GOOD_PX) & (np.array([level, degree, along]) < finest)
+        if not refined.any():
             break
-        level, degree, along = np.array([level, degree, along]) + more
+        level, degree, along = np.array([level, degree, along]) + refined
     # Accept a saddle near the start, and extrapolate it to vanishing triangles (Richardson).
     near = np.hypot(*(x_px - start[0])) <= max(1.0, spread_px)
     if not (moved <= _CENTRED_PX and near and np.linalg.det(hessian) < 0):
         return NONE
-    return Position(x_px + off[0], float(np.hypot(*off.T) @ [3, 1, 1]))
+    return Position(x_px + errors[0], float(np.hypot(*errors.T) @ [3, 1, 1]))
 
 
 def _start(
@@ -258,14 +267,15 @@ def _start(
     # With coma J is far off, and a wide image has further stationary points. The guess is where both edges halve the
     # bundle; for a wide bundle, where each edge halves it on the other edge.
     half = np.full(2, _HALF_PX)
-    around = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDERS[0]), _START_NODES)
-    if around is None:
+    bundle = bundle_map(tracer, microlens, plane, TracedGrid(x_px, half, _ORDERS[0]), _START_NODES)
+    if bundle is None:
         return None
-    nodes = around.at(x_px)
+    nodes = bundle.at(x_px)
     weight = (nodes[..., 2] * np.linspace(0, 1, nodes.shape[1])).ravel()
     weight = weight / weight.sum()
     hits = nodes[..., :2].reshape(-1, 2)
-    px_per_mm = np.linalg.inv(_jacobian(around, weight))
+    # Move so that the median of the hits along each axis lies on its edge.
+    px_per_mm = np.linalg.inv(_jacobian(bundle, weight))
     x_px = x_px - px_per_mm @ [_median(values, weight) for values in hits.T]
     spread = float(np.sqrt(weight @ (((hits - weight @ hits) @ px_per_mm.T) ** 2).sum(axis=1)))
     if spread < _WIDE_PX:
@@ -284,6 +294,7 @@ def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_
     for along, across in ((first, second), (second, first)) * _SWEEPS:
 
         def slope(s: float, x: np.ndarray = x_px, along: np.ndarray = along, across: np.ndarray = across) -> float:
+            """Derivative of the light along the other edge, s px along this one."""
             return float(image.gradient(x + s * along) @ across)
 
         reach = 2 * spread_px
@@ -293,19 +304,23 @@ def _halved(image: CornerImage, x_px: np.ndarray, px_per_mm: np.ndarray, spread_
 
 
 def _median(values: np.ndarray, weight: np.ndarray) -> float:
+    """Median of values with weights that add up to 1."""
     order = np.argsort(values)
     return float(np.interp(0.5, np.cumsum(weight[order]) - weight[order] / 2, values[order]))
 
 
-def _jacobian(around: BundleMap, weight: np.ndarray) -> np.ndarray:
-    """Jacobian of the mean hit by position, (2, 2) [mm per px]."""
-    return by_x(lambda x_px: weight @ around.at(x_px)[..., :2].reshape(-1, 2), around.x_px, _LOOK_PX)
+def _jacobian(bundle: BundleMap, weight: np.ndarray) -> np.ndarray:
+    """Jacobian of the mean hit by position, (2, 2) [mm per px]; `weight` is that of each node."""
+    return by_x(lambda x_px: weight @ bundle.at(x_px)[..., :2].reshape(-1, 2), bundle.x_px, _LOOK_PX)
 
 
 def _newton(
     gradient_at: Callable[[np.ndarray], np.ndarray], x_px: np.ndarray, hessian: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN if there is none."""
+    """Position within a pixel where the gradient vanishes, and the updated Hessian; NaN if there is none.
+
+    A quasi-Newton method: each step updates the Hessian by Powell's symmetric Broyden update.
+    """
     x = x_px
     gradient = gradient_at(x_px)
     for _ in range(_STEPS):
@@ -318,9 +333,9 @@ def _newton(
         if np.hypot(*step) < _DONE_PX or np.hypot(*(x - x_px)) > _LONGEST_PX:
             break
         gradient = gradient_at(x)
-        surprise = gradient - before - hessian @ step
-        # Powell's symmetric Broyden update.
-        n = step @ step
-        hessian = hessian + (np.outer(surprise, step) + np.outer(step, surprise)) / n
-        hessian -= (surprise @ step) * np.outer(step, step) / n**2
+        # Correct the Hessian by the smallest symmetric change that explains the change of the gradient in the step.
+        unexplained = gradient - before - hessian @ step
+        squared = step @ step
+        hessian = hessian + (np.outer(unexplained, step) + np.outer(step, unexplained)) / squared
+        hessian -= (unexplained @ step) * np.outer(step, step) / squared**2
     return x, hessian
