@@ -85,7 +85,7 @@ class Opened:
         def of(cameras: Iterable[CameraEntry]) -> Camera:
             return _entry(cameras, self.entry.full_name, self.stage).camera
 
-        return [number.seen_as(of) for number in numbers]
+        return [number.mapped(of) for number in numbers]
 
 
 def opened(path: Path, name: str | None = None, allow_roots: Iterable[str | Path] = ()) -> Opened:

@@ -30,7 +30,7 @@ from pipeline.scene.sensor import (
     read_sensor,
 )
 from pipeline.scene.shutters import check_shutter, read_shutter
-from pipeline.scene.temperature import growth_of, larger_array, mount_growth
+from pipeline.scene.temperature import growth_of, mount_growth, scaled_array
 from pipeline.scene.usd.poses import camera_name
 from pipeline.scene.usd.problems import Problem, of_reader, problem, warning, written_at
 from pipeline.scene.usd.readers import read_once
@@ -51,9 +51,11 @@ _F_NUMBERS = "plen:image:fNumbers"
 
 @read_once
 def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
+    """The entry of a Camera with PlenCameraAPI, named relative to a root; `seed` is that of the dataset."""
     lens = target(prim, "plen:camera:lens", "PlenLens")
     sensor = target(prim, "plen:camera:sensor", "PlenSensor")
-    name, model = need(lens, "plen:name") or lens.GetName(), need(prim, _MODEL)
+    name = need(lens, "plen:name") or lens.GetName()
+    model = need(prim, _MODEL)
     file, line = written_at(prim)
     return CameraEntry(
         name=camera_name(prim, root),
@@ -77,31 +79,35 @@ def read_camera_entry(prim: Usd.Prim, root: Usd.Prim, seed: int) -> CameraEntry:
 
 def read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record of a Camera with its lens model; a request if it asks for a focus or a matched stop."""
-    alone = with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
-    return replace(alone, prescription=behind_fixed(prim, alone.prescription))
+    without_windows = with_ideal_lens(_read_camera(prim), need(prim, _MODEL), need(prim, _DISTORTION))
+    return replace(without_windows, prescription=behind_fixed(prim, without_windows.prescription))
 
 
 @read_once
 def _read_camera(prim: Usd.Prim) -> Camera | FocusRequest:
     """The record with the prescribed lens, without windows."""
+    lens = target(prim, "plen:camera:lens", "PlenLens")
+    sensor_prim = target(prim, "plen:camera:sensor", "PlenSensor")
     array = target(prim, "plen:camera:microlenses", "PlenMicrolensArray")
-    lens, light_nm = target(prim, "plen:camera:lens", "PlenLens"), need(prim, "plen:camera:wavelength")
+    light_nm = need(prim, "plen:camera:wavelength")
+    # Read the parts, with their lengths at the temperature of the lens.
+    sensor = read_sensor(sensor_prim)
     microlenses = read_microlenses(array, need(prim, "plen:camera:microlensDistance"), light_nm) if array else None
-    chip = target(prim, "plen:camera:sensor", "PlenSensor")
-    sensor = read_sensor(chip)
     parts: dict[str, Any] = {
         "prescription": read_prescription(lens, light_nm),
-        "sensor": replace(sensor, pitch_mm=sensor.pitch_mm * growth_of(chip, lens)),
-        "microlenses": microlenses and larger_array(microlenses, growth_of(array, lens)),
+        "sensor": replace(sensor, pitch_mm=sensor.pitch_mm * growth_of(sensor_prim, lens)),
+        "microlenses": microlenses and scaled_array(microlenses, growth_of(array, lens)),
         **fields_of(prim, Camera),
     }
-    longer = mount_growth(lens)
-    focus_mm, match_stop = read(prim, _FOCUS), need(prim, _MATCH) != "none"
+    # Without a focus distance or a matched stop the sensor distance settles the camera.
+    growth = mount_growth(lens)
+    focus_mm = read(prim, _FOCUS)
+    match_stop = need(prim, _MATCH) != "none"
     if focus_mm is None and not match_stop:
-        return Camera(sensor_distance_mm=need(prim, _SENSOR) * longer, **parts)
+        return Camera(sensor_distance_mm=need(prim, _SENSOR) * growth, **parts)
     groups = need(prim, _GROUPS)
     return FocusRequest(
-        sensor_distance_mm=need(prim, _SENSOR) * longer if focus_mm is None or groups else None,
+        sensor_distance_mm=need(prim, _SENSOR) * growth if focus_mm is None or groups else None,
         focus_distance_mm=focus_mm,
         focus_type=read(prim, _TYPE),
         focus_groups=groups,
@@ -146,6 +152,7 @@ def check_camera(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
+    """A problem of a number of samples that is not a power of two in each replica."""
     samples = read(camera, name)
     if not isinstance(samples, int) or samples < REPLICAS:
         return
@@ -157,6 +164,7 @@ def _check_samples(camera: Usd.Prim, name: str) -> Iterator[Problem]:
 
 
 def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:
+    """A problem of a sensor, or a microlens array, within the lens."""
     sensor_mm = read(camera, _SENSOR)
     if sensor_mm is None:
         return
@@ -174,6 +182,7 @@ def _check_behind_lens(camera: Usd.Prim, prescription: Prescription) -> Iterator
 
 
 def _check_near_far(camera: Usd.Prim, prescription: Prescription) -> Iterator[Problem]:
+    """Problems of the near and the far plane: in the wrong order, or within the lens."""
     near_mm, far_mm = read(camera, "plen:camera:near"), read(camera, "plen:camera:far")
     first_mm = -prescription.vertices_from_stop_mm[0]
     if near_mm is not None and far_mm is not None and not near_mm < far_mm:
@@ -202,7 +211,8 @@ def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
         yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    count, number = len(read(array, by_type(array)) or ()) if array else 0, read(camera, _TYPE)
+    count = len(read(array, by_type(array)) or ()) if array else 0
+    number = read(camera, _TYPE)
     if count and number is not None and number >= count:
         message = f'"{_TYPE}" = {number}, but the array has {count} types, counted from 0'
         yield problem(camera.GetAttribute(_TYPE), "focus-type", message)
@@ -215,24 +225,25 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
     except PipelineError as error:
         yield of_reader(_blamed(camera, error), error)
         return
-    both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
-    if not is_consistent or both != bool(read(camera, _GROUPS)):
+    has_both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
+    if not is_consistent or has_both != bool(read(camera, _GROUPS)):
         return
-    name = _FOCUS
+    # Solve the request step by step; an error is reported at the attribute of its step.
+    step = _FOCUS
     try:
         if isinstance(record, FocusRequest):
             sensor_distance(record)
-            name = _GROUPS if record.focus_groups else _FOCUS
+            step = _GROUPS if record.focus_groups else _FOCUS
             group_shift(record)
-            name = _MATCH
+            step = _MATCH
             if record.microlenses:
                 solved(record)
     except CameraError as error:
-        yield problem(camera.GetAttribute(name), "out-of-reach", error.message, hint=error.hint)
+        yield problem(camera.GetAttribute(step), "out-of-reach", error.message, hint=error.hint)
         return
     except ArithmeticError:
         message = "the lens has no first-order figures: it bends no light"
-        yield problem(camera.GetAttribute(name), "out-of-reach", message)
+        yield problem(camera.GetAttribute(step), "out-of-reach", message)
         return
     except PipelineError as error:  # an afocal lens
         yield of_reader(_blamed(camera, error), error)
@@ -275,7 +286,9 @@ def check_planes(camera: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
-    attribute, f_numbers = camera.GetAttribute(_F_NUMBERS), read(camera, _F_NUMBERS) or ()
+    """Problems of the F-numbers of further white images: out of reach of the lens, or listed twice."""
+    attribute = camera.GetAttribute(_F_NUMBERS)
+    f_numbers = read(camera, _F_NUMBERS) or ()
     if f_numbers and read(camera, _MODEL) == PINHOLE:
         message = f'"{_F_NUMBERS}" asks a pinhole to open to F/{f_numbers[0]:g}'
         yield problem(attribute, "out-of-reach", message, hint=f'write {_MODEL} = "thinLens", or no F-numbers')
@@ -290,12 +303,13 @@ def _check_f_numbers(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
 
 
 def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
+    """Warnings of microlens types that do not work together: both Galilean and Keplerian, or gaps in depth of field."""
     array = record.microlenses
     if array is None or len(array.focal_lengths_mm) < 2:
         return
-    placed = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
-    galilean = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in placed if focal > behind_mm)
-    keplerian = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in placed if focal <= behind_mm)
+    types = list(zip(array.focal_lengths_mm, array.principal_mm, strict=True))
+    galilean = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in types if focal > behind_mm)
+    keplerian = ", ".join(f"{focal:g}" for focal, (behind_mm, _) in types if focal <= behind_mm)
     if galilean and keplerian:
         message = (
             f"{array.distance_mm:g} mm before the sensor, microlenses of f = {galilean} mm are Galilean and those of"

@@ -50,7 +50,8 @@ def read_channels(camera: Usd.Prim) -> tuple[Channel, ...]:
     """Channels of the sensor of a Camera with PlenCameraAPI; none: one wavelength. SpectrumError if a response or the
     illuminant is none, or they have no wavelength in common; GlassError if a glass is not known at one of them.
     """
-    prims, illuminant = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")), illuminant_of(camera)
+    prims = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor"))
+    illuminant = illuminant_of(camera)
     return tuple(_read_channel(camera, prim, illuminant) for prim in prims)
 
 
@@ -102,6 +103,7 @@ class _Spectrum(NamedTuple):
 # stages with channels pay for it.
 @cache
 def _spectrum(response: tuple[Any, Any], illuminant: str, count: int) -> _Spectrum:
+    """Gauss's rule with `count` wavelengths for a response times an illuminant; raises as `read_channels`."""
     from pipeline.render.spectral import spectra
 
     table, counts_photons = _table(response)
@@ -112,6 +114,7 @@ def _spectrum(response: tuple[Any, Any], illuminant: str, count: int) -> _Spectr
 
 @read_once
 def _read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
+    """A PlenChannel before a camera, whose glasses have their indices at each of its wavelengths."""
     wavelengths_nm, shares, slices = _spectrum(_response(prim), illuminant, need(prim, "plen:nodes"))
     nodes = tuple(_node(camera, float(nm), float(share)) for nm, share in zip(wavelengths_nm, shares, strict=True))
     middle = _node(camera, float((shares * wavelengths_nm).sum()), 1.0)
@@ -119,6 +122,7 @@ def _read_channel(camera: Usd.Prim, prim: Usd.Prim, illuminant: str) -> Channel:
 
 
 def _node(camera: Usd.Prim, wavelength_nm: float, weight: float) -> SpectralNode:
+    """A wavelength with the indices of windows, lens and microlenses of a camera."""
     lens = target(camera, "plen:camera:lens", "PlenLens")
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
     is_ideal = need(camera, "plen:camera:model") != "prescription"  # a plane in air, which no wavelength tells apart
@@ -158,7 +162,8 @@ def check_channel(channel: Usd.Prim) -> Iterator[Problem]:
     if named[index] in named[:index]:  # files are named by channels, and by their colours
         message = f'two channels of a sensor share the name "{named[index]}"'
         yield problem(channel, "name-collision", message, hint="rename one of the prims")
-    table, name = read(channel, "plen:wavelengths"), read(channel, "plen:sensitivity")
+    table = read(channel, "plen:wavelengths")
+    name = read(channel, "plen:sensitivity")
     response = read(channel, "plen:response")
     if table is None or response is None or name is None:
         return  # values that are wrong by themselves
@@ -226,7 +231,7 @@ def check_wavelength(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
         yield problem(attribute, "printed-wavelength", message, hint=hint)
 
 
-def seen_nm(camera: Usd.Prim) -> list[float]:
+def readable_wavelengths_nm(camera: Usd.Prim) -> list[float]:
     """Wavelengths that a camera or its channels use, as far as they can be read."""
     lights_nm = [nm for nm in [read(camera, "plen:camera:wavelength")] if nm is not None]
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
@@ -241,7 +246,7 @@ def check_formulas(camera: Usd.Prim, lens: Usd.Prim) -> Iterator[Problem]:
     surface."""
     if not uses_catalogue(lens):
         return
-    lights_nm = seen_nm(camera)
+    lights_nm = readable_wavelengths_nm(camera)
     for prim in ordered_surfaces(lens):
         try:
             medium = medium_behind(prim, lens)

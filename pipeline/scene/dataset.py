@@ -44,10 +44,10 @@ class VariedNumber(Generic[R]):
     less: R
     more: R
 
-    def seen_as(self, view: Callable[[R], S]) -> "VariedNumber[S]":
+    def mapped(self, function: Callable[[R], S]) -> "VariedNumber[S]":
         """The number with a part, or another form, of both records."""
-        ends = view(self.less), view(self.more)
-        return VariedNumber(name=self.name, unit=self.unit, step=self.step, less=ends[0], more=ends[1])
+        less, more = function(self.less), function(self.more)
+        return VariedNumber(name=self.name, unit=self.unit, step=self.step, less=less, more=more)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +143,8 @@ class CameraEntry:
         return f"cameras/{self.name}/parts.usda"
 
     def __repr__(self) -> str:
-        sensor, kind = self.asked.sensor, "plenoptic" if self.asked.microlenses else "conventional"
+        sensor = self.asked.sensor
+        kind = "plenoptic" if self.asked.microlenses else "conventional"
         size = f"{sensor.width_px} x {sensor.height_px} px of {sensor.pitch_mm * 1e3:g} µm"
         return f"<{kind} camera {self.name}: {self.lens_name}, {size}>"
 
@@ -238,7 +239,7 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AskedExports:
+class RequestedExports:
     """Names of formats that a stage asks for, in its order; the kind of position of a point (exact, chief, saddle or
     centroid); and fields of `exports.noise.Noise`.
     """
@@ -266,7 +267,7 @@ class Dataset:
     occluders: tuple[OccluderEntry, ...] = ()
     lamps: tuple[LampEntry, ...] = ()  #: with any, everything is lit by them; without, targets glow
     pictures: tuple[PictureEntry, ...] = ()  #: that its prims name, whether lamps light it or not
-    exports: AskedExports = field(default_factory=AskedExports)
+    exports: RequestedExports = field(default_factory=RequestedExports)
     #: Of the stage, for layers that a build writes for viewers; lengths of all records are in mm
     meters_per_unit: float = 0.001
     up_axis: str = "Y"  #: of the stage, likewise

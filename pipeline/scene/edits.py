@@ -30,6 +30,7 @@ Written = dict[str, Any]
 def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
     """Everything that is written on a stage; `layer` is the flattened stage, without additions."""
     written: Written = {}
+    # The composed values of all prims and properties.
     paths = list[Sdf.Path]()
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     for path in paths:
@@ -42,6 +43,7 @@ def written_on(stage: Usd.Stage, layer: Sdf.Layer) -> Written:
                 written |= {f"{path}@{time!r}": _json(sample) for time, sample in value.items()}
             else:
                 written[str(path) if field in _VALUES else f"{path}|{field}"] = _json(value)
+    # Composition arcs, which the flattened stage no longer has.
     written["/|subLayers"] = [f"@{path}@" for path in stage.GetRootLayer().subLayerPaths]
     for prim in stage.TraverseAll():
         for spec in reversed(prim.GetPrimStack()):  # the strongest counts
@@ -59,6 +61,7 @@ def edits_between(old: Written, new: Written, file: Path) -> list[Edit]:
         path, _, time = path.partition("@")
         time_code = float(time) if time else None
         changed.append(Edit(at=path, field=field or None, time=time_code, old=old.get(key), new=new.get(key)))
+    # Leave out the edits that follow from one that came before: of a prim that came or went, or of an arc.
     edits: list[Edit] = []
     causes: list[tuple[str, str | None]] = []  # prims that came or went; arcs, with the file that names them
     for edit in sorted(changed, key=_order):
@@ -86,18 +89,18 @@ def _written_at(stage: Usd.Stage, edit: Edit) -> tuple[str | None, int | None]:
     if edit.at == "/":
         root = stage.GetRootLayer().realPath
         return shown_path(root), line_of_metadata(root, edit.field or "")
-    thing = stage.GetObjectAtPath(edit.at)
-    if not thing:
+    edited = stage.GetObjectAtPath(edit.at)
+    if not edited:
         holder = Sdf.Path(edit.at).GetPrimPath()
         while not stage.GetPrimAtPath(holder):
             holder = holder.GetParentPath()
         return written_at(stage.GetPrimAtPath(holder))
-    for spec in specs(thing):
+    for spec in specs(edited):
         if edit.field and spec.layer.realPath and spec.HasInfo(edit.field):
             file = spec.layer.realPath
             assets = [text_map(file).assets.get(asset) for asset in re.findall("@([^@]+)@", str(edit.new))]
             return shown_path(file), assets[0] if len(assets) == 1 and assets[0] else line_of(file, str(spec.path))
-    return written_at(thing, edit.time)
+    return written_at(edited, edit.time)
 
 
 def is_below(path: str, above: str) -> bool:
@@ -111,8 +114,9 @@ def _json(value: Any) -> Any:
         items = [_json(item) for item in value.GetAppliedItems()]
         return items[0] if len(items) == 1 else items
     if isinstance(value, Sdf.Reference | Sdf.Payload):
-        prim, offset = (f"<{value.primPath}>" if value.primPath else ""), value.layerOffset
-        return f"@{value.assetPath}@{prim}" + ("" if offset.IsIdentity() else f" {offset}")
+        prim = f"<{value.primPath}>" if value.primPath else ""
+        offset = "" if value.layerOffset.IsIdentity() else f" {value.layerOffset}"
+        return f"@{value.assetPath}@{prim}{offset}"
     if isinstance(value, Sdf.Path | Sdf.AssetPath):
         return f"<{value}>" if isinstance(value, Sdf.Path) else f"@{value.path}@"
     try:

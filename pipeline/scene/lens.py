@@ -86,13 +86,13 @@ def read_prescription(lens: Usd.Prim, wavelength_nm: float | None = None) -> Pre
 def _read_group(prim: Usd.Prim, surfaces: list[str]) -> Group:
     """The record of a PlenLensGroup; `surfaces` holds the names of all surfaces of its lens in order."""
     names = list(need(prim, "plen:surfaces"))
-    if not names or names != _stretch(surfaces, names):
+    if not names or names != _consecutive(surfaces, names):
         raise UnreadableValue(f"<{prim.GetPath()}> does not name surfaces that follow one another", prim)
     first = surfaces.index(names[0])
     return Group(name=prim.GetName(), first=first, count=len(names), **fields_of(prim, Group))
 
 
-def _stretch(order: list[str], names: list[str]) -> list[str]:
+def _consecutive(order: list[str], names: list[str]) -> list[str]:
     """The slice of the order with as many surfaces as names, from the first name on."""
     first = order.index(names[0]) if names[0] in order else len(order)
     return order[first : first + len(names)]
@@ -145,21 +145,21 @@ def indices(lens: Usd.Prim, wavelength_nm: float) -> tuple[float, ...]:
     """Index behind each surface at a wavelength, or as printed; GlassError if a glass is not known there."""
     prims = ordered_surfaces(lens)
     if uses_catalogue(lens):
-        cold = [medium_behind(prim, lens).index(wavelength_nm) for prim in prims]
+        stated = [medium_behind(prim, lens).index(wavelength_nm) for prim in prims]
     else:
-        cold = [need(prim, "plen:index") + need(prim, "plen:indexOffset") for prim in prims]
-    warm = zip(prims, cold, strict=True)
-    return tuple(warmed(lens, prim, index, wavelength_nm) + 0.0 for prim, index in warm)
+        stated = [need(prim, "plen:index") + need(prim, "plen:indexOffset") for prim in prims]
+    pairs = zip(prims, stated, strict=True)
+    return tuple(warmed(lens, prim, index, wavelength_nm) + 0.0 for prim, index in pairs)
 
 
 def index_source(lens: Usd.Prim) -> str:
     """Source of the indices of a lens for reports and tables, with the medium of every element."""
     from_c, to_c = temperatures_c(lens)
-    warm = "" if from_c == to_c else f" for {to_c:g} degrees Celsius"
+    temperature = "" if from_c == to_c else f" for {to_c:g} degrees Celsius"
     if not uses_catalogue(lens):
-        return f"{need(lens, 'plen:indexSource')}{warm}"
+        return f"{need(lens, 'plen:indexSource')}{temperature}"
     labels = [medium_behind(prim, lens).label for prim in ordered_surfaces(lens)]
-    return f"catalogue{warm} ({', '.join(label for label in labels if label != 'air')})"
+    return f"catalogue{temperature} ({', '.join(label for label in labels if label != 'air')})"
 
 
 def media_behind(lens: Usd.Prim, prims: Sequence[Usd.Prim]) -> tuple[dict[Sdf.Path, Medium], list[Problem]]:
@@ -188,7 +188,8 @@ def check_glass(lens: Usd.Prim) -> Iterator[Problem]:
     Beside printed indices a bare name is information only, because many names are from old catalogues. A name with
     its vendor identifies an entry and is always compared with the printed index.
     """
-    prims, is_used = ordered_surfaces(lens), uses_catalogue(lens)
+    prims = ordered_surfaces(lens)
+    is_used = uses_catalogue(lens)
     named = [prim for prim in prims if is_used or row.names_an_entry(read(prim, "plen:glass") or "")]
     media, problems = media_behind(lens, named)
     yield from problems
@@ -233,9 +234,10 @@ def check_surfaces(lens: Usd.Prim) -> Iterator[Problem]:
                 at = prim.GetAttribute(attribute) if attribute else prim
                 yield problem(at, error.code, error.message, hint=error.hint)
         else:
-            sag, radius_mm = surfaces[prim].sag_mm(surfaces[prim].semi_diameter_mm), surfaces[prim].semi_diameter_mm
-            if not abs(sag) <= _STEEPEST * radius_mm:
-                message = f"the sag of the surface at its rim is {sag:.4g} mm, and its semi-diameter {radius_mm:g} mm"
+            semi_mm = surfaces[prim].semi_diameter_mm
+            sag_mm = surfaces[prim].sag_mm(semi_mm)
+            if not abs(sag_mm) <= _STEEPEST * semi_mm:
+                message = f"the sag of the surface at its rim is {sag_mm:.4g} mm, and its semi-diameter {semi_mm:g} mm"
                 hint = "are conic and coefficients those of millimetres, and in the right order?"
                 yield problem(prim, "sag", message, hint=hint)
     for front, behind in pairwise(prims):
@@ -269,6 +271,7 @@ def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_order(lens: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the order of surfaces: names without a surface, repeated ones, and surfaces without a name there."""
     order = lens.GetAttribute("plen:surfaceOrder")
     names = list(read(lens, "plen:surfaceOrder") or ())
     children = [child.GetName() for child in lens.GetChildren() if child.IsA("PlenSurface")]
@@ -287,7 +290,8 @@ def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surfac
     if second.focal_length_mm is not None and first.index != 1:
         message = f'"{behind.GetName()}", an ideal thin lens, is in a medium of index {first.index:g}, not in air'
         yield problem(behind.GetAttribute("plen:focalLength"), "ideal-lens", message)
-    thickness, hint = front.GetAttribute("plen:thickness"), "enlarge the thickness or reduce a semi-diameter"
+    thickness = front.GetAttribute("plen:thickness")
+    hint = "enlarge the thickness or reduce a semi-diameter"
     gap, height = min(gaps_mm(first, second))
     if gap < -_TOUCH_MM:
         message = (
@@ -308,10 +312,8 @@ def _check_gap(front: Usd.Prim, behind: Usd.Prim, first: Surface, second: Surfac
         is_missing = rim < -_TOUCH_MM
         size = f"lacks {-rim:.4g} mm of glass" if is_missing else f"is {max(rim, 0.0):.4g} mm thick"
         between = f'the element between "{front.GetName()}" and "{behind.GetName()}"'
-        message, severity = (
-            f"{between} {size} at its rim, {widest:g} mm from the axis",
-            "error" if is_missing else "warning",
-        )
+        message = f"{between} {size} at its rim, {widest:g} mm from the axis"
+        severity = "error" if is_missing else "warning"
         yield problem(thickness, "rim-thickness", message, hint=hint, severity=severity)
 
 
@@ -328,7 +330,7 @@ def check_groups(lens: Usd.Prim) -> Iterator[Problem]:
             yield problem(attribute, "group-surfaces", message, hint=hint)
         if not names and attribute.HasAuthoredValue():
             yield problem(attribute, "group-surfaces", "the group holds no surface", hint="name some, or remove it")
-        if names and not unknown and names != _stretch(order, names):
+        if names and not unknown and names != _consecutive(order, names):
             message = f"{', '.join(names)} do not follow one another in the order of the lens"
             yield problem(attribute, "group-surfaces", message, hint=f"its order: {', '.join(order)}")
         for name in names:
@@ -337,7 +339,7 @@ def check_groups(lens: Usd.Prim) -> Iterator[Problem]:
                 yield problem(attribute, "group-surfaces", message, hint="a surface belongs to one group or to none")
 
 
-def check_group_place(group: Usd.Prim) -> Iterator[Problem]:
+def check_group_parent(group: Usd.Prim) -> Iterator[Problem]:
     """A problem if a PlenLensGroup is not a child of a lens, so that no lens would read it."""
     if not group.GetParent().IsA("PlenLens"):
         message = "a PlenLensGroup must be a direct child of a PlenLens, and this one is not"

@@ -12,7 +12,8 @@ from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json
 from pipeline.folders import flaw_of
 from pipeline.records.declared import arguments_settled
-from pipeline.scene.check.stage import check, check_numbers
+from pipeline.scene.check.layers import check_numbers
+from pipeline.scene.check.stage import check
 from pipeline.scene.dataset import CameraEntry, Dataset, LensEntry, TargetEntry, VariedNumber
 from pipeline.scene.edits import Written, written_on
 from pipeline.scene.lens import read_lens_entry
@@ -29,7 +30,7 @@ from pipeline.scene.usd.readers import notes_of
 from pipeline.scene.usd.roots import allowed_roots, file_of, real_path, used_layers
 from pipeline.scene.usd.values import UnreadableValue, need
 from pipeline.scene.varied import varied_numbers, with_varied
-from pipeline.scene.views import check_doubts, check_seen, check_speeds
+from pipeline.scene.views import check_doubts, check_speeds, check_visible
 from pipeline.scene.write.viewers import flattened, text_for_viewers
 from pipeline.spelling import did_you_mean
 
@@ -100,21 +101,26 @@ def load(
 
 
 def _dataset_of(stage: Usd.Stage) -> Dataset:
+    """The dataset that is the default prim of a stage."""
     return read_dataset(stage.GetDefaultPrim())
 
 
 def _refused(problems: list[Problem]) -> Loaded:
+    """Problems without anything that was read."""
     return Loaded(dataset=None, problems=problems, flattened="")
 
 
 def _read(stage: Usd.Stage, look: bool, problems: list[Problem]) -> Loaded:
+    """The records of a stage, if its problems have no error; with `look` the doubts, else the text for viewers."""
     loaded = _refused(problems := without_followers(problems))
     if loaded.errors:
         return loaded
     root = find_dataset(stage)
     try:
         dataset = with_varied(root, read_dataset(root), _dataset_of) if root else None
-        cameras, targets, lens = read_camera_entries(stage), read_target_entries(stage), read_lens_entry(stage)
+        cameras = read_camera_entries(stage)
+        targets = read_target_entries(stage)
+        lens = read_lens_entry(stage)
     except StageError as error:
         return _refused([*problems, *error.problems])
     except UnreadableValue as error:  # no check has reported it
@@ -141,10 +147,11 @@ def _read(stage: Usd.Stage, look: bool, problems: list[Problem]) -> Loaded:
 
 
 def _doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...], dataset: Dataset | None) -> list[Problem]:
+    """Further problems of a stage without errors, which take rays to find."""
     messages = UsdUtils.CoalescingDiagnosticDelegate()
     problems = list(check_doubts(stage, cameras))
     if dataset and not any(problem.is_error for problem in problems):
-        problems += check_seen(stage, dataset)
+        problems += check_visible(stage, dataset)
         problems += [*scene_reader().check_shone(stage, dataset), *check_speeds(stage, dataset)]
     messages.TakeUncoalescedDiagnostics()
     return problems
@@ -164,14 +171,14 @@ def varied_cameras(
         root = find_dataset(varied)
         return read_dataset(root).cameras if root else read_camera_entries(varied)
 
-    top = (stage.GetDefaultPrim() or stage.GetPseudoRoot()).GetPath()
-    wanted = Sdf.Path(number).MakeAbsolutePath(top) if Sdf.Path.IsValidPathString(number) else None
-    if not wanted or not stage.GetAttributeAtPath(wanted):
+    base = (stage.GetDefaultPrim() or stage.GetPseudoRoot()).GetPath()
+    path_of_number = Sdf.Path(number).MakeAbsolutePath(base) if Sdf.Path.IsValidPathString(number) else None
+    if not path_of_number or not stage.GetAttributeAtPath(path_of_number):
         properties = [str(each.GetPath()) for prim in stage.Traverse() for each in prim.GetAuthoredAttributes()]
         hint = did_you_mean(number, properties) or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
         raise UsageError(f"{path} has no property {number!r}", hint=hint)
     try:
-        return list(varied_numbers(stage, wanted, cameras))
+        return list(varied_numbers(stage, path_of_number, cameras))
     except UnreadableValue as error:
         raise StageError([of_reader(error.thing, error)]) from None
 

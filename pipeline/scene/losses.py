@@ -48,7 +48,7 @@ def _loses_light(camera: Usd.Prim, lens: Usd.Prim) -> bool:
     return is_real and bool(need(lens, "plen:transmission") == "surfaces")
 
 
-def wavelengths_seen(camera: Usd.Prim) -> list[float]:
+def light_wavelengths_nm(camera: Usd.Prim) -> list[float]:
     """Wavelengths that stand for the light of a camera: its own, or those of all channels of its sensor [nm]."""
     channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor"))
     if not channels:
@@ -102,16 +102,16 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
     if not lens:
         return
     try:
-        is_met = read(camera, "plen:image:exposure") == "radiance" and _loses_light(camera, lens)
-        seen_nm = wavelengths_seen(camera) if is_met else []
+        counts = read(camera, "plen:image:exposure") == "radiance" and _loses_light(camera, lens)
+        lights_nm = light_wavelengths_nm(camera) if counts else []
     except (SpectrumError, UnreadableValue):
         return  # reported where the channel or the value is checked
     for surface, part in surfaces_before_sensor(camera):
         try:
             coating = _read_coating(surface)
-            absorption = _read_absorption(surface, part) if seen_nm else None
+            absorption = _read_absorption(surface, part) if lights_nm else None
             if absorption is not None:
-                for nm in (min(seen_nm), max(seen_nm)):
+                for nm in (min(lights_nm), max(lights_nm)):
                     absorption.share_per_mm(nm)
         except UnreadableValue:
             continue  # reported where the value is checked
@@ -123,7 +123,7 @@ def check_losses(camera: Usd.Prim) -> Iterator[Problem]:
             at = attribute if attribute.HasAuthoredValue() else surface
             yield problem(at, error.code, error.message, hint=error.hint)
         else:
-            yield from _check_covered(surface, coating, seen_nm)
+            yield from _check_covered(surface, coating, lights_nm)
 
 
 def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
@@ -135,28 +135,33 @@ def check_angles(camera: Usd.Prim, parts: Camera) -> Iterator[Problem]:
     tables = [_read_coating(surface).angles_deg for surface in surfaces]
     if not any(tables):
         return
-    table, film_mm = towards_scene(parts.prescription), np.array([0.0, 0.0, Tracer(parts).film_z_mm])
+    # Trace the cone of the film's centre over the rear surface.
+    table = towards_scene(parts.prescription)
+    film_mm = np.array([0.0, 0.0, Tracer(parts).film_z_mm])
     direction = front_grid(table, GRID) - film_mm
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    met = steepest_deg(table, np.tile(film_mm, (len(direction), 1)), direction)[::-1]
-    for surface, angles_deg, met_deg in zip(surfaces, tables, met, strict=True):
-        if angles_deg and met_deg > angles_deg[-1] + _SLACK_DEG:
+    steepest = steepest_deg(table, np.tile(film_mm, (len(direction), 1)), direction)[::-1]
+    for surface, angles_deg, largest_deg in zip(surfaces, tables, steepest, strict=True):
+        if angles_deg and largest_deg > angles_deg[-1] + _SLACK_DEG:
             message = f"the table of the coating ends at {angles_deg[-1]:g} degrees, and light of the axis comes at"
-            yield _short(surface, "plen:coatingAngles", f"{message} up to {met_deg:.2f}")
+            yield _short_table(surface, "plen:coatingAngles", f"{message} up to {largest_deg:.2f}")
 
 
-def _check_covered(surface: Usd.Prim, coating: CoatingData, seen_nm: Sequence[float]) -> Iterator[Problem]:
+def _check_covered(surface: Usd.Prim, coating: CoatingData, lights_nm: Sequence[float]) -> Iterator[Problem]:
     """Warnings of a coating whose table does not reach the wavelengths of its camera or the axis."""
     table_nm = coating.wavelengths_nm
-    outside = [nm for nm in seen_nm if not table_nm[0] <= nm <= table_nm[-1]] if table_nm else []
+    outside = [nm for nm in lights_nm if not table_nm[0] <= nm <= table_nm[-1]] if table_nm else []
     if outside:
         message = f"the table of the coating covers {table_nm[0]:.7g} to {table_nm[-1]:.7g} nm, and the camera sees"
-        yield _short(surface, "plen:coatingWavelengths", f"{message} {', '.join(f'{nm:.5g}' for nm in outside)} nm")
-    if seen_nm and coating.angles_deg and coating.angles_deg[0] > 0:
+        yield _short_table(
+            surface, "plen:coatingWavelengths", f"{message} {', '.join(f'{nm:.5g}' for nm in outside)} nm"
+        )
+    if lights_nm and coating.angles_deg and coating.angles_deg[0] > 0:
         message = f"the table of the coating starts at {coating.angles_deg[0]:g} degrees"
-        yield _short(surface, "plen:coatingAngles", f"{message}, and light of the axis comes at 0")
+        yield _short_table(surface, "plen:coatingAngles", f"{message}, and light of the axis comes at 0")
 
 
-def _short(surface: Usd.Prim, name: str, message: str) -> Problem:
+def _short_table(surface: Usd.Prim, name: str, message: str) -> Problem:
+    """The warning of a table of a coating that ends too early."""
     hint = "the last value counts beyond the end: add entries if that is wrong"
     return warning(surface.GetAttribute(name), "coating-range", message, hint=hint)

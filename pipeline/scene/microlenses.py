@@ -24,7 +24,8 @@ _NEAREST = 0.1
 def read_microlenses(prim: Usd.Prim, distance_mm: float, wavelength_nm: float) -> MicrolensArray:
     """The record of a PlenMicrolensArray at a distance from the sensor, at the wavelength of a camera."""
     model = need(prim, "plen:model")
-    (offset_x_mm, offset_y_mm), (tilt_x_deg, tilt_y_deg) = need(prim, "plen:offset"), need(prim, "plen:tilt")
+    offset_x_mm, offset_y_mm = need(prim, "plen:offset")
+    tilt_x_deg, tilt_y_deg = need(prim, "plen:tilt")
     return MicrolensArray(
         distance_mm=distance_mm,
         focal_lengths_mm=() if model == "refractive" else need(prim, "plen:focalLengths"),
@@ -94,6 +95,7 @@ def check_microlens_glass(camera: Usd.Prim, array: Usd.Prim) -> Iterator[Problem
 
 
 def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
+    """A problem of an array whose size is not stated, or twice."""
     names = ("width", "height", "columns", "rows")
     width, height, columns, rows = (array.GetAttribute(f"plen:{name}").HasAuthoredValue() for name in names)
     if (width or height) and (columns or rows):
@@ -106,26 +108,30 @@ def _check_extent(array: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_types(array: Usd.Prim) -> Iterator[Problem]:
-    table, period = array.GetAttribute("plen:typeTable"), read(array, "plen:typePeriod")
+    """Problems of the arrangement of microlens types: no rule for it, or a table that does not fit."""
+    table = array.GetAttribute("plen:typeTable")
+    period = read(array, "plen:typePeriod")
     if bool(read(array, "plen:typeTable")) != bool(period):
         return  # one without the other is reported elsewhere
-    name, square = by_type(array), read(array, "plen:layout") == "square"
+    name = by_type(array)
+    is_square = read(array, "plen:layout") == "square"
     count = len(read(array, name) or ())
     if not count:
         return  # reported as missing
     if not period:
-        if count != 1 and (count != 3 or square):
-            where = "square" if square else "hexagonal"
-            message = f"{count} microlens types on a {where} lattice, and no rule which lens has which"
-            rules = "1 type" if square else "1 type, and 3"
+        if count != 1 and (count != 3 or is_square):
+            layout = "square" if is_square else "hexagonal"
+            message = f"{count} microlens types on a {layout} lattice, and no rule which lens has which"
+            rules = "1 type" if is_square else "1 type, and 3"
             hint = f"there are rules for {rules}; else write plen:typeTable and plen:typePeriod"
             if count == 2:
-                both = ("[0, 1, 1, 0]", "(2, 2)") if square else ("[0, 1]", "(1, 2)")
-                how = "a checkerboard" if square else "rows in turn"
-                hint += f", for {how} plen:typeTable = {both[0]} and plen:typePeriod = {both[1]}"
+                both = ("[0, 1, 1, 0]", "(2, 2)") if is_square else ("[0, 1]", "(1, 2)")
+                pattern = "a checkerboard" if is_square else "rows in turn"
+                hint += f", for {pattern} plen:typeTable = {both[0]} and plen:typePeriod = {both[1]}"
             yield problem(array.GetAttribute(name), "microlens-types", message, hint=hint)
         return
-    (along, across), values = period, read(array, "plen:typeTable")
+    along, across = period
+    values = read(array, "plen:typeTable")
     if len(values) != along * across:
         message = f'"plen:typeTable" has {len(values)} entries for a period of {along} x {across}'
         yield problem(table, "microlens-types", message, hint=f"write {along * across}, those of l = 0 first")
@@ -136,9 +142,11 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_index(array: Usd.Prim) -> Iterator[Problem]:
+    """Problems of refractive microlenses without an index, or with two."""
     if read(array, "plen:model") != "refractive":
         return
-    has_index, has_glass = read(array, "plen:index") is not None, bool(read(array, "plen:glass"))
+    has_index = read(array, "plen:index") is not None
+    has_glass = bool(read(array, "plen:glass"))
     if not (has_index or has_glass):
         message = 'microlenses of the model "refractive" need "plen:index" or "plen:glass"'
         yield problem(array, "missing-value", message, hint="they have no fallback: write one of them")
@@ -148,7 +156,9 @@ def _check_index(array: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_nominal(array: Usd.Prim, derived: tuple[float, ...]) -> Iterator[Problem]:
-    attribute, stated = array.GetAttribute("plen:focalLengths"), read(array, "plen:focalLengths") or ()
+    """Problems of stated focal lengths that are not those derived from the faces."""
+    attribute = array.GetAttribute("plen:focalLengths")
+    stated = read(array, "plen:focalLengths") or ()
     if stated and len(stated) != len(derived):
         message = f'"plen:focalLengths" has {len(stated)} entries, and the faces make {len(derived)} types'
         yield problem(attribute, "microlens-types", message)

@@ -11,7 +11,7 @@ from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
 from pipeline.scene.dataset import OccluderEntry
 from pipeline.scene.targets import is_preview
-from pipeline.scene.usd.meshes import alike, drawn, is_animated, is_drawn, of_prim
+from pipeline.scene.usd.meshes import alike, drawn, is_animated, is_drawn, shape_key
 from pipeline.scene.usd.opening import instance_of
 from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import (
@@ -33,7 +33,7 @@ from pipeline.targets.mesh import Occluder
 
 
 @read_once
-def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
+def shapes_in_images(root: Usd.Prim) -> list[Usd.Prim]:
     """Shapes in images of a dataset besides targets: those that it names, and all shapes of a lit stage."""
     stage = root.GetStage()
     tops = targets(root, "plen:occluders", "Imageable")
@@ -41,16 +41,16 @@ def seen_meshes(root: Usd.Prim) -> list[Usd.Prim]:
     named = dict.fromkeys(prim for prim in below if is_drawn(prim))
     if not scene_reader().is_lit(stage):
         return list(named)
-    meshed = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
-    taken = {mesh for prim in meshed for mesh in targets(prim, "plen:mesh", "Mesh")}
-    unnamed = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in taken]
+    mesh_targets = (prim for prim in stage.Traverse() if prim.IsA("PlenMeshTarget"))
+    of_targets = {mesh for prim in mesh_targets for mesh in targets(prim, "plen:mesh", "Mesh")}
+    unnamed = [prim for prim in stage.Traverse() if is_drawn(prim) and prim not in named and prim not in of_targets]
     return list(named) + [prim for prim in unnamed if is_in_images(prim) and not is_preview(prim)]
 
 
 @read_once
-def seen_shapes(root: Usd.Prim) -> list[list[Usd.Prim]]:
-    """The same shapes, in groups of equal ones."""
-    return alike(seen_meshes(root), lambda prim: of_prim(prim, 0.0 if is_animated(prim) else None))
+def equal_shapes_in_images(root: Usd.Prim) -> list[list[Usd.Prim]]:
+    """The shapes of `shapes_in_images`, in groups of equal ones."""
+    return alike(shapes_in_images(root), lambda prim: shape_key(prim, 0.0 if is_animated(prim) else None))
 
 
 def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> list[OccluderEntry]:
@@ -69,12 +69,12 @@ def read_occluder_entries(prim: Usd.Prim, lit: bool, frames: Sequence[int]) -> l
     ]
 
 
-@partial(read_once, named=of_prim)
+@partial(read_once, named=shape_key)
 def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
     """The triangles of a shape in its own frame [mm], dark without PlenOccluderAPI."""
-    shape, scale_mm = drawn(prim, frame), stage_mm_per_unit(prim)
+    shape = drawn(prim, frame)
     return Occluder(
-        vertices_mm=shape.points * scale_mm,
+        vertices_mm=shape.points * stage_mm_per_unit(prim),
         triangles=shape.triangles,
         radiance=read(prim, "plen:radiance") or 0.0,
     )
@@ -83,47 +83,53 @@ def read_occluder(prim: Usd.Prim, frame: int | None = None) -> Occluder:
 def check_occluders(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the occluders of a dataset except poses; `wrong` holds the prims with wrong values."""
     meshes = {target(prim, "plen:mesh", "Mesh"): prim for prim in targets(root, "plen:targets", "PlenMeshTarget")}
-    right = [[prim for prim in same if prim.GetPath() not in wrong] for same in seen_shapes(root)]
-    frames, count = frame_numbers(root), 0
-    for prim in [prim for same in right for prim in same if prim in meshes]:
+    groups = [[prim for prim in equal if prim.GetPath() not in wrong] for equal in equal_shapes_in_images(root)]
+    frames = frame_numbers(root)
+    triangles = 0
+    for prim in [prim for equal in groups for prim in equal if prim in meshes]:
         message = f"<{prim.GetPath()}> is the mesh of the target <{meshes[prim].GetPath()}>"
         hint = "targets hide each other and themselves without being named"
         yield problem(root.GetRelationship("plen:occluders"), "occluder-is-target", message, hint=hint)
-    for same in filter(None, right):
+    for equal in filter(None, groups):
         try:
-            shapes = [drawn(same[0], moment) for moment in (frames if is_animated(same[0]) else [None])]
+            shapes = [drawn(equal[0], moment) for moment in (frames if is_animated(equal[0]) else [None])]
         except UnreadableValue as error:
-            yield of_reader(same[0], error)
+            yield of_reader(equal[0], error)
             continue
-        count += len(same) * sum(len(shape.corners) for shape in shapes)
+        triangles += len(equal) * sum(len(shape.corners) for shape in shapes)
         for flaw in dict.fromkeys(flaw for shape in shapes for flaw in shape.flaws):
-            yield from (not_drawn(prim, f"<{prim.GetPath()}>: {flaw}") for prim in same if prim not in meshes)
-    yield from over_limit(root, "shapes", count, f"{count:,} triangles of all occluders, in all frames,")
+            yield from (not_drawn(prim, f"<{prim.GetPath()}>: {flaw}") for prim in equal if prim not in meshes)
+    yield from over_limit(root, "shapes", triangles, f"{triangles:,} triangles of all occluders, in all frames,")
 
 
 def check_outside_lens(camera: Usd.Prim, root: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
     """Problems of occluders that enter the lens of a camera; beside and behind it they are allowed."""
-    if not (shapes := seen_shapes(root)):
+    if not (groups := equal_shapes_in_images(root)):
         return
     ends_mm, radius_mm = body_of(prescription_of(camera))
-    lens_mm, scale_mm = np.array([[0.0, 0.0, end] for end in ends_mm]), stage_mm_per_unit(root)
+    lens_mm = np.array([[0.0, 0.0, end] for end in ends_mm])
+    scale_mm = stage_mm_per_unit(root)
     vision_from_world = camera_from_world(camera, frames, scale_mm)
-    for same, (index, number) in itertools.product(shapes, enumerate(frames)):
-        at = number if is_animated(same[0]) else None
-        if not len(drawn(same[0], at).corners):
+    for equal, (index, number) in itertools.product(groups, enumerate(frames)):
+        time = number if is_animated(equal[0]) else None
+        if not len(drawn(equal[0], time).corners):
             continue
-        world, shape = [world_from(each, frames, scale_mm)[index] for each in same], read_occluder(same[0], at)
-        poses = product(vision_from_world[index], np.array(world))
-        for which in np.flatnonzero(shape.may_reach(poses, lens_mm, radius_mm)):
-            occluder, corners_mm = same[which], apply(poses[which], shape.vertices_mm)[shape.triangles]
+        # Test the poses of all equal shapes by their spheres first, then triangle by triangle.
+        shape = read_occluder(equal[0], time)
+        world_from_shape = np.array([world_from(prim, frames, scale_mm)[index] for prim in equal])
+        poses = product(vision_from_world[index], world_from_shape)
+        for i in np.flatnonzero(shape.may_reach(poses, lens_mm, radius_mm)):
+            occluder = equal[i]
+            corners_mm = apply(poses[i], shape.vertices_mm)[shape.triangles]
             if is_visible(occluder, float(number)) and meets_lens(corners_mm, ends_mm, radius_mm):
                 message = (
                     f'"{occluder.GetName()}" reaches into the lens of "{camera_name(camera, root)}" at time code'
                     f" {number}, z = {ends_mm[0]:.6g} to {ends_mm[1]:.6g} mm and {radius_mm:.6g} mm about the axis"
                 )
-                moving, hint = moving_op(occluder), "the camera looks along its -Z; its origin is the aperture stop"
-                time = float(number) if moving else None
-                yield problem(moving or occluder, "inside-lens", message, hint=hint, time=time)
+                hint = "the camera looks along its -Z; its origin is the aperture stop"
+                moving = moving_op(occluder)
+                sample = float(number) if moving else None
+                yield problem(moving or occluder, "inside-lens", message, hint=hint, time=sample)
 
 
 def body_of(lens: Prescription) -> tuple[tuple[float, float], float]:
@@ -145,12 +151,13 @@ def _distance_of_axis(triangle: np.ndarray, ends_mm: tuple[float, float]) -> flo
     part = _cut(_cut(triangle, ends_mm[0], 1.0), ends_mm[1], -1.0)[:, :2]
     if not len(part):
         return np.inf
+    # The axis goes through the part if it lies on one side of all edges; else take the nearest point of any edge.
     edge = np.roll(part, -1, axis=0) - part
-    length = np.maximum(np.sum(edge**2, axis=1), 1e-300)
-    share = np.clip(-np.sum(part * edge, axis=1) / length, 0.0, 1.0)
     side = part[:, 0] * edge[:, 1] - part[:, 1] * edge[:, 0]
     if (side > 0).all() or (side < 0).all():
         return 0.0
+    squared = np.maximum(np.sum(edge**2, axis=1), 1e-300)
+    share = np.clip(-np.sum(part * edge, axis=1) / squared, 0.0, 1.0)
     return float(np.hypot(*(part + share[:, None] * edge).T).min())
 
 

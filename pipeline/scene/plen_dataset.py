@@ -10,8 +10,8 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.formats import EXACT, ExportError, Format, Targets, format_of, loadable
 from pipeline.scene.channels import images_of
-from pipeline.scene.dataset import AskedExports, CameraEntry, Dataset, Frame, Matrix, Motions
-from pipeline.scene.occluders import check_occluders, read_occluder_entries, seen_meshes
+from pipeline.scene.dataset import CameraEntry, Dataset, Frame, Matrix, Motions, RequestedExports
+from pipeline.scene.occluders import check_occluders, read_occluder_entries, shapes_in_images
 from pipeline.scene.shutters import check_motions, motions_before
 from pipeline.scene.states import read_states
 from pipeline.scene.targets import is_preview, read_target_entry
@@ -51,7 +51,7 @@ NOISE = {
     "seed": "plen:exports:noiseSeed",
 }
 """Attributes of the noise, by field of `exports.noise.Noise`."""
-_ASKED = "plen:exports"
+_EXPORTS = "plen:exports"
 _States = dict[Usd.Prim, list[tuple[CameraEntry, list[int]]]]
 """Each camera in each of its states, with the frames of the state."""
 _GRIDS = ("PlenCheckerboard", "PlenCharuco", "PlenCircleGrid")
@@ -67,11 +67,15 @@ def read_dataset(root: Usd.Prim) -> Dataset:
 
 def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
     """The records; `sources` gets the paths from which each part was read."""
+    stage = root.GetStage()
+    scenes = scene_reader()
     cameras = targets(root, "plen:cameras", "Camera")
     boards = targets(root, "plen:targets", "PlenTarget")
-    scenes, stage = scene_reader(), root.GetStage()
-    occluders, lamps = seen_meshes(root), scenes.lamp_prims(stage)
-    seed, numbers, has_light = need(root, "plen:seed"), frame_numbers(root), scenes.is_lit(stage)
+    occluders = shapes_in_images(root)
+    lamps = scenes.lamp_prims(stage)
+    has_light = scenes.is_lit(stage)
+    seed = need(root, "plen:seed")
+    numbers = frame_numbers(root)
     read = sources.reading
     names = {prim: f"cameras/{camera_name(prim, root)}" for prim in cameras}
     states = {prim: read(name, read_states, prim, root, seed, numbers) for prim, name in names.items()}
@@ -99,41 +103,46 @@ def _read_dataset(root: Usd.Prim, sources: Sources) -> Dataset:
 
 
 def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], sources: Sources) -> tuple[Frame, ...]:
-    numbers, scale_mm = frame_numbers(root), stage_mm_per_unit(root)
+    """All frames of a dataset, with the poses of its cameras, boards, occluders and lamps."""
+    numbers = frame_numbers(root)
+    scale_mm = stage_mm_per_unit(root)
 
     def posed(part: str, reader: Callable[..., Any], prim: Usd.Prim) -> list[Matrix]:
+        """Poses of a prim in all frames, by a reader whose sources are those of a part."""
         # + 0.0 turns -0.0, which products may leave, into 0.0: keys must not differ by it.
         stack = sources.reading(f"poses/{part}", reader, prim, numbers, scale_mm) + 0.0
         return [tuple(map(tuple, matrix)) for matrix in stack.tolist()]
 
     vision = {prim: posed(f"cameras/{camera_name(prim, root)}", camera_from_world, prim) for prim in states}
     world = {prim.GetName(): posed(f"targets/{prim.GetName()}", world_from, prim) for prim in boards}
-    hiding = {prim: posed("occluders", world_from, prim) for prim in seen_meshes(root)}
+    occluders = {prim: posed("occluders", world_from, prim) for prim in shapes_in_images(root)}
     scenes = scene_reader()
     lamps = {prim: posed("lamps", scenes.world_from_lamp, prim) for prim in scenes.lamp_prims(root.GetStage())}
     things: dict[Usd.Prim, Callable[..., Any]] = {
-        **dict.fromkeys(seen_meshes(root), world_from),
+        **dict.fromkeys(shapes_in_images(root), world_from),
         **dict.fromkeys(lamps, scenes.world_from_lamp),
     }
 
-    def there(number: int) -> dict[Usd.Prim, CameraEntry]:
+    def cameras_in(number: int) -> dict[Usd.Prim, CameraEntry]:
+        """Each camera in its state in a frame."""
         return {prim: entry for prim in states for entry, numbers in states[prim] if number in numbers}
 
-    def moving(number: int) -> dict[str, Motions]:
+    def motions_in(number: int) -> dict[str, Motions]:
+        """Motions in a frame before each camera with a shutter, by its name."""
         return {
             entry.name: motions_before(prim, entry.shutter, boards, things, number, scale_mm)
-            for prim, entry in there(number).items()
+            for prim, entry in cameras_in(number).items()
             if entry.shutter is not None
         }
 
     return tuple(
         Frame(
             number=number,
-            camera_from_world={entry.name: vision[prim][index] for prim, entry in there(number).items()},
+            camera_from_world={entry.name: vision[prim][index] for prim, entry in cameras_in(number).items()},
             world_from_target={name: matrices[index] for name, matrices in world.items()},
-            world_from_occluder=sources.reading("poses/occluders", _visible, hiding, index, number),
+            world_from_occluder=sources.reading("poses/occluders", _visible, occluders, index, number),
             world_from_lamp=sources.reading("poses/lamps", _visible, lamps, index, number),
-            motions=sources.reading("poses/motions", moving, number),
+            motions=sources.reading("poses/motions", motions_in, number),
         )
         for index, number in enumerate(numbers)
     )
@@ -167,7 +176,7 @@ def check_dataset(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         root,
         [camera for camera in cameras if camera.GetPath() not in wrong],
         targets(root, "plen:targets", "PlenTarget"),
-        [*seen_meshes(root), *scene_reader().lamp_prims(root.GetStage())],
+        [*shapes_in_images(root), *scene_reader().lamp_prims(root.GetStage())],
     )
     yield from _check_names(root, cameras)
     yield from _check_traced(root, cameras)
@@ -200,18 +209,19 @@ def _check_traced(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    """Problems of a dataset without frames, or with repeated ones."""
     frames = read(root, "plen:frames") or ()
     if repeated := [number for number, count in Counter(frames).items() if count > 1]:
-        more = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
-        message = f'"plen:frames" lists frame {repeated[0]}{more} more than once'
+        rest = f", and {len(repeated) - 1} others," if len(repeated) > 1 else ""
+        message = f'"plen:frames" lists frame {repeated[0]}{rest} more than once'
         yield problem(root.GetAttribute("plen:frames"), "repeated-frame", message)
     if not frame_numbers(root):
         stage = root.GetStage()
         message = "the dataset has no frames"
-        both = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
-        if both and not max(abs(stage.GetStartTimeCode()), abs(stage.GetEndTimeCode())) <= LAST_FRAME:
+        has_range = all(stage.HasAuthoredMetadata(key) for key in ("startTimeCode", "endTimeCode"))
+        if has_range and not max(abs(stage.GetStartTimeCode()), abs(stage.GetEndTimeCode())) <= LAST_FRAME:
             return  # reported as out of range
-        if both:
+        if has_range:
             message += f": startTimeCode is {stage.GetStartTimeCode():g}, endTimeCode {stage.GetEndTimeCode():g}"
         hint = "set startTimeCode and endTimeCode to integers, or list plen:frames"
         layer, at = stage.GetRootLayer(), str(root.GetPath())
@@ -219,21 +229,22 @@ def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
+    """Problems of cameras, or targets, whose names would make the same file, or one that is too long."""
     named = [(camera_name(prim, root), prim, "cameras") for prim in cameras]
     named += [(prim.GetName(), prim, "targets") for prim in targets(root, "plen:targets", "PlenTarget")]
-    taken: dict[tuple[str, str], tuple[str, str]] = {}
+    first_with: dict[tuple[str, str], tuple[str, str]] = {}
     for name, prim, kind in named:
         # Names become file names, and some file systems do not distinguish Rig from rig, or two encodings of an
         # umlaut.
         key = (kind, unicodedata.normalize("NFC", name).casefold())
-        if key in taken:
-            other, path = taken[key]
+        if key in first_with:
+            other, path = first_with[key]
             message = f'two {kind} would share the name "{name}": <{path}> and <{prim.GetPath()}>'
             hint = "rename one of the prims"
             if other != name:
                 hint += "; some file systems do not distinguish such names, and files are named by them"
             yield problem(prim, "name-collision", message, hint=hint)
-        taken.setdefault(key, (name, str(prim.GetPath())))
+        first_with.setdefault(key, (name, str(prim.GetPath())))
         if len(name.encode()) > LONGEST_NAME:
             message = f"the name of one of the {kind}, {shortened(name)}, has {len(name.encode())} bytes"
             hint = f"names become files and folders: {LONGEST_NAME} bytes are the most"
@@ -242,17 +253,21 @@ def _check_names(root: Usd.Prim, cameras: list[Usd.Prim]) -> Iterator[Problem]:
 
 def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
     """One warning per type of prim that viewers show, and images of the dataset do not."""
-    stage, frames = root.GetStage(), frame_numbers(root)
+    stage = root.GetStage()
+    frames = frame_numbers(root)
     prims = list(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies()))
-    named = {prim.GetPath() for prim in (*scene_reader().lamp_prims(stage), *seen_meshes(root))}
-    kinds: dict[str, list[Usd.Prim]] = {}
-    unheard: dict[str, list[Usd.Attribute]] = {}
-    for same in alike(prims):
-        names = [rel.GetName() for rel in same[0].GetAuthoredRelationships() if rel.GetName().startswith("plen:")]
-        named |= {path for prim in same for name in names for path in target_paths(prim.GetRelationship(name))}
-        for attribute in same[0].GetAuthoredAttributes():
-            if instead := _unheard(attribute):
-                unheard.setdefault(instead, []).extend(prim.GetAttribute(attribute.GetName()) for prim in same)
+    # Collect prims that a relationship names, and attributes whose values are not supported.
+    named = {prim.GetPath() for prim in (*scene_reader().lamp_prims(stage), *shapes_in_images(root))}
+    unsupported: dict[str, list[Usd.Attribute]] = {}
+    for equal in alike(prims):
+        names = [rel.GetName() for rel in equal[0].GetAuthoredRelationships() if rel.GetName().startswith("plen:")]
+        named |= {path for prim in equal for name in names for path in target_paths(prim.GetRelationship(name))}
+        for attribute in equal[0].GetAuthoredAttributes():
+            if substitute := _substitute(attribute):
+                others = (prim.GetAttribute(attribute.GetName()) for prim in equal)
+                unsupported.setdefault(substitute, []).extend(others)
+    # Warn of shapes that viewers show: of types that nothing draws, and of those that nothing names.
+    unnamed_by_type: dict[str, list[Usd.Prim]] = {}
     for prim in prims:
         if prim.GetPath() in named and is_drawn(prim):
             continue
@@ -262,18 +277,19 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
             message = f"<{prim.GetPath()}> is not drawn: no image and no truth has a {prim.GetTypeName()}"
             yield not_drawn(prim, message, hint=f"make it a Mesh; {_AIDS}")
         else:
-            kinds.setdefault(prim.GetTypeName(), []).append(prim)
-    for kind, unnamed in list(kinds.items())[:_MOST_KINDS]:
-        message = f"{kind} {_listed(unnamed)} is in no image: no relationship names it"
+            unnamed_by_type.setdefault(prim.GetTypeName(), []).append(prim)
+    for type_name, unnamed in list(unnamed_by_type.items())[:_MOST_KINDS]:
+        message = f"{type_name} {_listed(unnamed)} is in no image: no relationship names it"
         hint = f"name it or what it lies below in rel plen:occluders of the dataset; {_AIDS}"
         yield warning(unnamed[0], "not-in-image", message, hint=hint)
-    for instead, attributes in unheard.items():
-        yield not_drawn(attributes[0], f"{_listed(attributes)}: {instead}")
+    for substitute, attributes in unsupported.items():
+        yield not_drawn(attributes[0], f"{_listed(attributes)}: {substitute}")
 
 
-def _unheard(attribute: Usd.Attribute) -> str | None:
+def _substitute(attribute: Usd.Attribute) -> str | None:
     """Words for the substitute of a draw mode or of a colour space that is not supported; None of one that is."""
-    is_name, is_colour = attribute.GetName() == "colorSpace:name", attribute.GetRoleName() == "Color"
+    is_name = attribute.GetName() == "colorSpace:name"
+    is_colour = attribute.GetRoleName() == "Color"
     space = attribute.Get() if is_name else attribute.GetColorSpace() if is_colour else ""
     if space and space not in _SPACES:
         return f'colours in "{space}" are drawn as those of linear sRGB'
@@ -303,13 +319,15 @@ def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
+    """Whether USD shows a prim in any of the frames."""
     if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
         return False
     return any(is_visible(prim, float(number)) for number in (frames if comes_and_goes(prim) else frames[:1]))
 
 
-def _read_exports(root: Usd.Prim) -> AskedExports:
-    return AskedExports(
+def _read_exports(root: Usd.Prim) -> RequestedExports:
+    """The exports that a dataset asks for."""
+    return RequestedExports(
         formats=tuple(need(root, "plen:exports")),
         position=need(root, "plen:exports:position"),
         noise={field: need(root, name) for field, name in NOISE.items()},
@@ -318,40 +336,42 @@ def _read_exports(root: Usd.Prim) -> AskedExports:
 
 def check_exports(root: Usd.Prim) -> Iterator[Problem]:
     """Problems of the formats that a dataset names."""
-    asked = read(root, _ASKED) or ()
-    attribute = root.GetAttribute(_ASKED)
-    for name in [name for name, count in Counter(asked).items() if count > 1]:
-        yield problem(attribute, "repeated-export", f'"{_ASKED}" lists "{name}" more than once', hint="remove one")
+    names = read(root, _EXPORTS) or ()
+    attribute = root.GetAttribute(_EXPORTS)
+    for name in [name for name, count in Counter(names).items() if count > 1]:
+        yield problem(attribute, "repeated-export", f'"{_EXPORTS}" lists "{name}" more than once', hint="remove one")
     cameras = targets(root, "plen:cameras", "Camera")
-    for name in dict.fromkeys(asked):
+    for name in dict.fromkeys(names):
         try:
-            wanted = format_of(name)
+            format_named = format_of(name)
         except ExportError as error:
             yield problem(attribute, error.code, error.message, hint=error.hint)
             continue
-        taken = [camera for camera in cameras if wanted.takes(_is_plenoptic(camera))]
-        if cameras and not taken:
+        suitable = [camera for camera in cameras if format_named.takes(_is_plenoptic(camera))]
+        if cameras and not suitable:
             kind = "conventional" if _is_plenoptic(cameras[0]) else "plenoptic"
             fitting = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(attribute, "export-cameras", message, hint=f"formats for its cameras: {', '.join(fitting)}")
-        elif sum(map(images_of, taken)) < wanted.least_cameras:
+        elif sum(map(images_of, suitable)) < format_named.least_cameras:
             message = f'"{name}" relates cameras to each other, and the dataset has one'
             yield problem(attribute, "export-cameras", message, hint="take it out, or add a camera")
-        yield from _check_targets(root, name, wanted)
-        yield from _check_position(root, name, taken)
+        yield from _check_targets(root, name, format_named)
+        yield from _check_position(root, name, suitable)
 
 
-def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Problem]:
-    prims, attribute = targets(root, "plen:targets", "PlenTarget"), root.GetAttribute(_ASKED)
-    if wanted.targets is Targets.ANY:
+def _check_targets(root: Usd.Prim, name: str, format_named: Format) -> Iterator[Problem]:
+    """A problem of the targets of a dataset that a format cannot describe."""
+    prims = targets(root, "plen:targets", "PlenTarget")
+    attribute = root.GetAttribute(_EXPORTS)
+    if format_named.targets is Targets.ANY:
         return
     if len(prims) > 1:
         message = f'"{name}" describes one target, and the dataset has {len(prims)}'
         hint = f"`pipeline export {name} OUT --only TARGET` takes one"
         yield problem(attribute, "export-targets", message, hint=hint)
         return
-    board = prims[0] if prims and wanted.targets is Targets.BOARD else None
+    board = prims[0] if prims and format_named.targets is Targets.BOARD else None
     counts = [read(board, axis) or 0 for axis in ("plen:columns", "plen:rows")] if board else []
     if board and not (board.GetTypeName() in _GRIDS and min(counts) > 1 and not read(board, "plen:asymmetric")):
         message = f'"{name}" describes boards whose points form a grid, and {prims[0].GetName()} has none'
@@ -360,14 +380,15 @@ def _check_targets(root: Usd.Prim, name: str, wanted: Format) -> Iterator[Proble
 
 
 def _check_position(root: Usd.Prim, name: str, cameras: list[Usd.Prim]) -> Iterator[Problem]:
-    position = read(root, f"{_ASKED}:position")
+    """A problem of a format that is to take positions that a camera does not compute."""
+    position = read(root, f"{_EXPORTS}:position")
     if position in (None, EXACT):
         return
     lacking = [camera for camera in cameras if position not in (read(camera, "plen:truth:columns") or ())]
     if lacking:
         message = f'"{name}" is to take the positions "{position}", which <{lacking[0].GetPath()}> does not compute'
         hint = f'write plen:truth:columns = ["{position}"] on the camera'
-        yield problem(root.GetAttribute(f"{_ASKED}:position"), "export-position", message, hint=hint)
+        yield problem(root.GetAttribute(f"{_EXPORTS}:position"), "export-position", message, hint=hint)
 
 
 def _is_plenoptic(camera: Usd.Prim) -> bool:

@@ -49,8 +49,10 @@ def read_irradiation(camera: Usd.Prim) -> Irradiation | None:
     """The light of each frame of a camera; None where it asks for no raw images."""
     if need(camera, "plen:image:exposure") == "none":
         return None
-    is_radiance, illuminant = need(camera, "plen:image:exposure") == "radiance", illuminant_of(camera)
-    before_lens, light_nm = read(camera, "plen:image:radiance"), need(camera, "plen:camera:wavelength")
+    is_radiance = need(camera, "plen:image:exposure") == "radiance"
+    before_lens = read(camera, "plen:image:radiance")
+    illuminant = illuminant_of(camera)
+    light_nm = need(camera, "plen:camera:wavelength")
     channels = channel_prims(target(camera, "plen:camera:sensor", "PlenSensor")) if is_radiance else []
     radiance = None
     if is_radiance and not channels:
@@ -100,7 +102,8 @@ def check_sensor(sensor: Usd.Prim) -> Iterator[Problem]:
 
 def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
     """Problems of raw images: a sensor without a response, filters without a colour, and weights without photons."""
-    attribute, exposure = camera.GetAttribute("plen:image:exposure"), read(camera, "plen:image:exposure")
+    attribute = camera.GetAttribute("plen:image:exposure")
+    exposure = read(camera, "plen:image:exposure")
     if exposure not in ("none", None) and not has_response(sensor):
         message = f"raw images need a sensor that responds to light, and <{sensor.GetPath()}> does not say how it does"
         hint = (
@@ -108,8 +111,8 @@ def check_exposure(camera: Usd.Prim, sensor: Usd.Prim) -> Iterator[Problem]:
             ' prepend apiSchemas = ["PlenSensorResponseAPI"]'
         )
         yield problem(attribute, "no-response", message, hint=hint)
-    elif exposure != "none" and (odd := nameless_filters(read(sensor, _FILTERS) or ())):
-        message = f"raw.dng tells filters by their colours, and {', '.join(odd)} names none"
+    elif exposure != "none" and (nameless := nameless_filters(read(sensor, _FILTERS) or ())):
+        message = f"raw.dng tells filters by their colours, and {', '.join(nameless)} names none"
         yield problem(sensor.GetAttribute(_FILTERS), "colour-filters", message, hint=f"call them {', '.join(COLOURS)}")
     if exposure == "radiance" and read(camera, "plen:camera:weight") == "area":
         message = "radiance gives photons only where rays weigh irradiance, not area"

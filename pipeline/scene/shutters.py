@@ -24,7 +24,7 @@ from pipeline.scene.usd.poses import (
     xform_ops,
 )
 from pipeline.scene.usd.problems import Problem, not_drawn, problem, warning
-from pipeline.scene.usd.readers import take
+from pipeline.scene.usd.readers import note_read
 from pipeline.scene.usd.values import UnreadableValue, need, read, target
 from pipeline.spelling import frames_in_words
 
@@ -58,13 +58,15 @@ def read_shutter(camera: Usd.Prim) -> Shutter | None:
 
 
 def _is_readable(camera: Usd.Prim) -> bool:
+    """Whether all attributes of a shutter have usable values."""
     values = [read(camera, name) for name in (_ORDER, _INSTANTS, *_DURATIONS)]
-    return None not in values and all(below > 0 for _, below in values[2:])
+    return None not in values and all(denominator > 0 for _, denominator in values[2:])
 
 
 def _seconds(camera: Usd.Prim, name: str) -> float:
-    above, below = need(camera, name)
-    return float(above / below)
+    """A duration that is written as a fraction [s]."""
+    numerator, denominator = need(camera, name)
+    return float(numerator / denominator)
 
 
 def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
@@ -78,11 +80,11 @@ def check_shutter(camera: Usd.Prim) -> Iterator[Problem]:
     if not _is_readable(camera):
         return  # reported with the values
     shutter = read_shutter(camera)
-    scans, line = need(camera, _ORDER) != "none", camera.GetAttribute(_LINE)
+    scans = need(camera, _ORDER) != "none"
     if scans != bool(_seconds(camera, _LINE)):
         message = f'"{_ORDER}" = "{need(camera, _ORDER)}" does not go with "{_LINE}" = {_seconds(camera, _LINE):g} s'
         hint = f"a rolling shutter needs both, a global one neither; (1, 50000) for {_LINE} is 20 microseconds"
-        yield problem(line, "shutter", message, hint=hint)
+        yield problem(camera.GetAttribute(_LINE), "shutter", message, hint=hint)
     if shutter is None:
         return
     time_s = read(camera, "plen:image:exposureTime")
@@ -110,7 +112,9 @@ def motions_before(
 ) -> Motions:
     """Motions before a camera in a frame: of boards by name, of things, which are shapes and lamps, by path."""
 
-    def before(prim: Usd.Prim, reader: WorldFrom) -> Motion | None:
+    def motion_of(prim: Usd.Prim, reader: WorldFrom) -> Motion | None:
+        """The motion of a prim in the vision frame; None if it stands still before the camera."""
+
         def vision_from_prim(times: Times) -> np.ndarray:
             return product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm))
 
@@ -119,11 +123,11 @@ def motions_before(
     def world_from_vision(times: Times) -> np.ndarray:
         return inverse(camera_from_world(camera, times, unit_mm))
 
-    targets = {prim.GetName(): before(prim, world_from) for prim in boards}
-    of_things = {str(prim.GetPath()): before(prim, reader) for prim, reader in things.items()}
+    board_motions = {prim.GetName(): motion_of(prim, world_from) for prim in boards}
+    thing_motions = {str(prim.GetPath()): motion_of(prim, reader) for prim, reader in things.items()}
     return Motions(
-        targets={name: motion for name, motion in targets.items() if motion is not None},
-        things={path: motion for path, motion in of_things.items() if motion is not None},
+        targets={name: motion for name, motion in board_motions.items() if motion is not None},
+        things={path: motion for path, motion in thing_motions.items() if motion is not None},
         camera=_motion(camera, shutter, [camera], world_from_vision, number),
     )
 
@@ -135,7 +139,10 @@ def _motion(
     poses_at: Callable[[Times], np.ndarray],
     number: int,
 ) -> Motion | None:
-    """The motion by poses at time codes while the shutter is open; None if the pose holds."""
+    """The motion by poses at time codes while the shutter is open; None if the pose holds.
+
+    `prims`: those whose transforms the pose depends on.
+    """
     if not (moved := [each for prim in prims for each in moved_ops(prim)]):
         return None
     edges, codes = _nodes(camera, shutter, moved, number)
@@ -150,14 +157,17 @@ def _nodes(
     camera: Usd.Prim, shutter: Shutter, moved: Sequence[Usd.Attribute], number: int
 ) -> tuple[np.ndarray, list[list[Any]]]:
     """Edges [s] of the pieces of a motion in a frame, and time codes of the poses of each."""
-    codes_per_s, window_s = codes_per_second(camera), _window_s(camera, shutter)
+    codes_per_s = codes_per_second(camera)
+    window_s = _window_s(camera, shutter)
     first, last = (number + time * codes_per_s for time in window_s)
-    bent_s = {(time - number) / codes_per_s: time for time in bends(moved, first, last)}
-    edges = pieces_s(window_s, bent_s)
+    # Cut the window at the bends, whose time codes must not be rounded by a conversion to seconds and back.
+    code_of_bend = {(code - number) / codes_per_s: code for code in bends(moved, first, last)}
+    edges = pieces_s(window_s, code_of_bend)
     codes = (number + Motion.times_s(edges) * codes_per_s).tolist()
     for piece, start, end in zip(codes, edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         # A pose may jump at a bend: a piece ends before it, and the next one begins after.
-        piece[0], piece[-1] = bent_s.get(start, piece[0]), Usd.TimeCode.PreTime(bent_s.get(end, piece[-1]))
+        piece[0] = code_of_bend.get(start, piece[0])
+        piece[-1] = Usd.TimeCode.PreTime(code_of_bend.get(end, piece[-1]))
     return edges, codes
 
 
@@ -175,7 +185,8 @@ def pieces_s(window_s: tuple[float, float], bends_s: Iterable[float]) -> np.ndar
 
 
 def codes_per_second(prim: Usd.Prim) -> float:
-    take(prim.GetStage().GetPseudoRoot())  # metadata of the layer
+    """Time codes in a second, by the stage of a prim."""
+    note_read(prim.GetStage().GetPseudoRoot())  # metadata of the layer
     return float(prim.GetStage().GetTimeCodesPerSecond())
 
 
@@ -192,23 +203,28 @@ def check_motions(
 
     `things` are shapes and lamps.
     """
-    unit_mm, shutters = stage_mm_per_unit(root), dict[tuple[Usd.Prim, Shutter], list[int]]()
+    unit_mm = stage_mm_per_unit(root)
+    # Collect the frames of each shutter of each camera.
+    shutters = dict[tuple[Usd.Prim, Shutter], list[int]]()
     for camera, number in itertools.product(cameras, frame_numbers(root)):
         camera_then = at_code(camera, number)
         if _is_readable(camera_then) and (shutter := read_shutter(camera_then)):
             shutters.setdefault((camera, shutter), []).append(number)
     for (camera, shutter), numbers in shutters.items():
         # Rigid at the middle of each exposure?
-        (first_s, end_s), codes_per_s = _window_s(camera, shutter), codes_per_second(camera)
+        first_s, end_s = _window_s(camera, shutter)
+        codes_per_s = codes_per_second(camera)
         middles = [number + (first_s + end_s) / 2 * codes_per_s for number in numbers]
         for prim in (camera, *boards):
             if not moved_ops(prim):
                 continue
             with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
-                turn = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
-                bent = np.abs(np.swapaxes(turn, 1, 2) @ turn - np.eye(3)).max(axis=(1, 2)) > _RIGID
-            if bent.any():
-                message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {_frames(numbers, bent)}"
+                rotation = np.array(world_from(prim, middles, unit_mm))[:, :3, :3]
+                gram = np.swapaxes(rotation, 1, 2) @ rotation
+                is_distorted = np.abs(gram - np.eye(3)).max(axis=(1, 2)) > _RIGID
+            if is_distorted.any():
+                in_frames = _frames(numbers, is_distorted)
+                message = f"<{prim.GetPath()}> is not rigid while the shutter is open in {in_frames}"
                 hint = "between samples USD interpolates each entry of a matrix: write translate and orient instead"
                 yield problem(prim, "not-rigid", message, hint=hint)
             elif fast := [n for n in numbers if _turns_fast(prim, camera, shutter, n, unit_mm)]:
@@ -216,11 +232,12 @@ def check_motions(
                 hint = f"by less than {_MOST_TURN_DEG:g} degrees from one of {NODES} instants to the next is followed"
                 yield problem(prim, "turns-too-fast", message, hint=hint)
         # Animated from the opening of the shutter to its end?
-        opens, ends = np.array(numbers) + shutter.opens_s * codes_per_s, np.array(numbers) + end_s * codes_per_s
+        opens = np.array(numbers) + shutter.opens_s * codes_per_s
+        ends = np.array(numbers) + end_s * codes_per_s
         for link in dict.fromkeys(link for prim in (camera, *boards, *things) for link in ancestry(prim)):
             if spans := list(filter(None, (extent(op.GetAttr()) for op in xform_ops(link)))):
                 starts, stops = zip(*spans, strict=True)
-                yield from _standing(link, min(starts), max(stops), (numbers, opens, ends))
+                yield from _check_covered(link, min(starts), max(stops), (numbers, opens, ends))
         # Shapes, instances and skeletons that stay as at the time code.
         for prim in things:
             if prim.IsA(UsdGeom.Gprim) and is_animated(prim):
@@ -242,9 +259,10 @@ def _turns_fast(prim: Usd.Prim, camera: Usd.Prim, shutter: Shutter, number: int,
     except UnreadableValue:  # told where the motion is read
         return False
     with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
-        turns = np.array(world_from(prim, [code for piece in codes for code in piece], unit_mm))[:, :3, :3]
-        turns = turns.reshape(len(codes), -1, 3, 3)
-        cosine = (np.einsum("pnij,pnij->pn", turns[:, 1:], turns[:, :-1]) - 1) / 2
+        rotations = np.array(world_from(prim, [code for piece in codes for code in piece], unit_mm))[:, :3, :3]
+        rotations = rotations.reshape(len(codes), -1, 3, 3)
+        # The trace of the rotation from one instant to the next is 1 + 2 cos of its angle.
+        cosine = (np.einsum("pnij,pnij->pn", rotations[:, 1:], rotations[:, :-1]) - 1) / 2
     return bool((cosine < np.cos(np.radians(_MOST_TURN_DEG))).any())
 
 
@@ -256,19 +274,24 @@ def _is_placed_at_frames(prim: Usd.Prim) -> bool:
     return any(given.ValueMightBeTimeVarying() or given.GetName() in _VELOCITIES for given in own)
 
 
-def _standing(
+def _check_covered(
     link: Usd.Prim, first: float, last: float, frames: tuple[Sequence[int], np.ndarray, np.ndarray]
 ) -> Iterator[Problem]:
-    """Warnings of a prim whose samples begin after the shutter opens, or end before it closes [time codes]."""
+    """Warnings of a prim whose samples begin after the shutter opens, or end before it closes.
+
+    `first`, `last`: of the samples. `frames`: numbers of frames, and when the shutter opens and closes in each. All are
+    time codes.
+    """
     numbers, opens, ends = frames
     before = (np.array(numbers) > first - 1) & (opens < first)
     after = (np.array(numbers) < last + 1) & (ends > last)
-    for missed, word, sample, open_ in ((before, "before", first, "earlier"), (after, "after", last, "later")):
-        if missed.any():
-            message = f"<{link.GetPath()}> has no sample {word} {sample:g}, and the shutter is open {open_}"
-            hint = f"it stands still then, in {_frames(numbers, missed)}: write one more sample"
+    for is_missed, word, sample, direction in ((before, "before", first, "earlier"), (after, "after", last, "later")):
+        if is_missed.any():
+            message = f"<{link.GetPath()}> has no sample {word} {sample:g}, and the shutter is open {direction}"
+            hint = f"it stands still then, in {_frames(numbers, is_missed)}: write one more sample"
             yield warning(link, "motion-ends", message, hint=hint)
 
 
-def _frames(numbers: Sequence[int], chosen: np.ndarray) -> str:
-    return frames_in_words([number for number, is_one in zip(numbers, chosen, strict=True) if is_one])
+def _frames(numbers: Sequence[int], is_chosen: np.ndarray) -> str:
+    """Words for the chosen frames."""
+    return frames_in_words(np.array(numbers)[is_chosen].tolist())

@@ -33,7 +33,8 @@ def read_camera_entries(stage: Usd.Stage) -> tuple[CameraEntry, ...]:
     behind the world-space windows of the first frame.
     """
     root = stage.GetDefaultPrim() or stage.GetPseudoRoot()
-    seed, number = read(root, "plen:seed") or 0, next(iter(frame_numbers(root)), 0)
+    seed = read(root, "plen:seed") or 0
+    number = next(iter(frame_numbers(root)), 0)
     cameras = filter(is_camera, stage.Traverse())
     return tuple(_with_windows(read_camera_entry(prim, root, seed), prim, number) for prim in cameras)
 
@@ -75,6 +76,7 @@ def changes(camera: Usd.Prim) -> bool:
 
 
 def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
+    """Attributes of a camera, its lens, sensor and microlenses that have several values in time."""
     links = (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
     parts = [target(camera, f"plen:camera:{name}", kind) for name, kind in links]
     prims = [camera, *(prim for part in parts if part for prim in Usd.PrimRange(part))]
@@ -85,7 +87,8 @@ def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
     """Problems of numbers of a lens, a sensor or a focus that change while the shutter is open, one for all frames."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     size_px: Any = read(sensor, "plen:resolution") if sensor else None
-    varying = [each for each in _varying(camera) if not each.GetName().startswith("plen:shutter:")]
+    varying = [attribute for attribute in _varying(camera) if not attribute.GetName().startswith("plen:shutter:")]
+    # Collect the changes of each attribute, frame by frame.
     changed = dict[Usd.Attribute, list[tuple[int, str]]]()
     for code in codes if size_px and varying else ():
         camera_then = at_code(camera, code)
@@ -100,11 +103,12 @@ def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
                 return
             if change:
                 changed.setdefault(attribute, []).append((int(code), change))
-    for attribute, found in changed.items():
-        frames, (number, change) = frames_in_words([number for number, _ in found]), found[0]
+    for attribute, changes_in_frames in changed.items():
+        frames = frames_in_words([number for number, _ in changes_in_frames])
+        number, change = changes_in_frames[0]
         message = (
             f'"{attribute.GetName()}" does not hold while the shutter of <{camera.GetPath()}> is open in {frames}:'
-            f" {change}{f' in frame {number}' if len(found) > 1 else ''}"
+            f" {change}{f' in frame {number}' if len(changes_in_frames) > 1 else ''}"
         )
         hint = "lens, sensor and focus have a state per frame: hold each by two equal samples, or by a held spline"
         yield problem(attribute, "changes-while-open", message, hint=hint)
@@ -119,7 +123,8 @@ def _change(attribute: Usd.Attribute, code: float, opens: float, closes: float) 
     edges = pieces_s((first, last), bends([attribute], first, last))
     times = [*map(Usd.TimeCode, node_times(edges, NODES).ravel().tolist())]
     times += map(Usd.TimeCode.PreTime, edges[1:-1].tolist())
-    stated, values = numbers(attribute.Get(code)), [numbers(attribute.Get(time)) for time in times]
+    stated = numbers(attribute.Get(code))
+    values = [numbers(attribute.Get(time)) for time in times]
     deviations = [float(np.abs(value - stated).max(initial=0.0)) for value in values]
     farthest = values[int(np.argmax(deviations))]
     if max(deviations) <= _HELD * max(np.abs(stated).max(initial=0.0), np.abs(farthest).max(initial=0.0)):
@@ -128,5 +133,6 @@ def _change(attribute: Usd.Attribute, code: float, opens: float, closes: float) 
 
 
 def _in_words(value: np.ndarray) -> str:
+    """A number, or several in brackets."""
     text = ", ".join(f"{number:.5g}" for number in value.tolist())
     return text if len(value) == 1 else f"({text})"

@@ -54,6 +54,7 @@ def read_target_entries(stage: Usd.Stage) -> tuple[TargetEntry, ...]:
 
 @read_once
 def read_target_entry(prim: Usd.Prim) -> TargetEntry:
+    """The entry of a PlenTarget."""
     roughness = read(prim, "plen:coat:roughness")
     coat = None if roughness is None else Coat(roughness=roughness, ior=need(prim, "plen:coat:ior"))
     return TargetEntry(
@@ -66,6 +67,7 @@ def read_target_entry(prim: Usd.Prim) -> TargetEntry:
 
 
 def _spectrum(prim: Usd.Prim, part: str) -> Spectrum:
+    """The spectrum of the `ink` or the `paper` of a target: of a patch by name, or a table."""
     if patch := need(prim, f"plen:{part}:patch"):
         from pipeline.render.spectral.spectra import reflectance  # colour-science takes half a second to import
 
@@ -90,7 +92,9 @@ def _read_mesh_target(prim: Usd.Prim) -> MeshTarget:
     mesh_prim = target(prim, "plen:mesh", "Mesh")
     if mesh_prim is None:
         raise UnreadableValue('"plen:mesh" has to name one Mesh', prim.GetRelationship("plen:mesh") or prim)
-    mesh, scale_mm, white = UsdGeom.Mesh(mesh_prim), stage_mm_per_unit(prim), need(prim, "plen:white")
+    mesh = UsdGeom.Mesh(mesh_prim)
+    scale_mm = stage_mm_per_unit(prim)
+    white = need(prim, "plen:white")
     shape = fans(mesh)
     # Affine, because the mesh may be scaled; a mesh does not move on its target, so any time will do.
     vertices_mm = apply(world_from(mesh_prim, [0.0], scale_mm, prim)[0], shape.points * scale_mm)
@@ -141,8 +145,8 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     white = prim.GetAttribute("plen:white")
     if isinstance(record, MeshTarget):
         if not np.any(record.albedo):
-            message, hint = "the mesh is dark all over: its images are black", "write a plen:white and colours above 0"
-            yield warning(white, "no-contrast", message, hint=hint)
+            message = "the mesh is dark all over: its images are black"
+            yield warning(white, "no-contrast", message, hint="write a plen:white and colours above 0")
         yield from _check_on_mesh(prim, record)
         if mesh:
             yield from _check_scheme(mesh)
@@ -152,6 +156,7 @@ def check_target(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
 
 
 def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of the spectra of ink and paper."""
     for part in ("ink", "paper"):
         yield from _check_patch(prim, part)
         table, values = (read(prim, f"plen:{part}:{name}") or () for name in ("wavelengths", "reflectance"))
@@ -167,12 +172,14 @@ def _check_print(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_patch(prim: Usd.Prim, part: str) -> Iterator[Problem]:
-    patch, attribute = read(prim, f"plen:{part}:patch"), prim.GetAttribute(f"plen:{part}:patch")
+    """Problems of a patch by name for the `ink` or the `paper`."""
+    patch = read(prim, f"plen:{part}:patch")
+    attribute = prim.GetAttribute(f"plen:{part}:patch")
     if not patch:
         return
     if read(prim, f"plen:{part}:wavelengths") or read(prim, f"plen:{part}:reflectance"):
-        message, hint = f"the {part} has a patch and a table", f'either "plen:{part}:patch" or a table'
-        yield problem(attribute, "spectrum", message, hint=hint)
+        hint = f'either "plen:{part}:patch" or a table'
+        yield problem(attribute, "spectrum", f"the {part} has a patch and a table", hint=hint)
     elif prim.IsA("PlenMeshTarget"):
         message = f"a mesh has colours of its own, and the {part} a patch"
         yield problem(attribute, "not-yet-supported", message, hint="leave the patch out")
@@ -206,11 +213,14 @@ def _check_scheme(mesh: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_on_mesh(prim: Usd.Prim, record: MeshTarget) -> Iterator[Problem]:
+    """A warning of marked points that do not lie on their mesh."""
     distances = record.distances_mm()
-    off = [(float(distance), index) for index, distance in enumerate(distances) if distance > OFF_MESH_MM]
-    if off:
-        distance, index = max(off)
-        which = f"{len(off)} of {len(distances)} marked points do not lie on the mesh"
-        message = f"{which}; point {index} is {distance:.4g} mm off"
+    beside = [(float(distance), index) for index, distance in enumerate(distances) if distance > OFF_MESH_MM]
+    if beside:
+        distance, index = max(beside)
+        message = (
+            f"{len(beside)} of {len(distances)} marked points do not lie on the mesh; point {index} is"
+            f" {distance:.4g} mm off"
+        )
         hint = "images show the mesh, and the ground truth uses the points"
         yield warning(prim.GetAttribute("plen:points"), "off-mesh", message, hint=hint)

@@ -24,7 +24,7 @@ _PER_K = 1e-6
 """Unit of expansions and slopes in stages [1/K]."""
 
 
-def check_cold(prim: Usd.Prim) -> Iterator[Problem]:
+def check_unused_thermal(prim: Usd.Prim) -> Iterator[Problem]:
     """Warnings of thermal attributes of a lens, or of sensor and microlenses, while the lens has no temperature."""
     lens, parts = prim, list(Usd.PrimRange(prim))
     if not prim.IsA("PlenLens"):
@@ -52,13 +52,15 @@ def expanded(lens: Usd.Prim, prims: Sequence[Usd.Prim], surfaces: Sequence[Surfa
     from_c, to_c = temperatures_c(lens)
     if from_c == to_c:
         return list(surfaces)
+    # Growths of the glasses behind the surfaces; a surface has that of its glass, a gap of air that of the mount.
     growths = [1 + _expansion_per_k(prim) * (to_c - from_c) if _is_glass(prim) else None for prim in prims]
-    warm, before = list[Surface](), None
+    result = list[Surface]()
+    before = None
     for surface, behind in zip(surfaces, growths, strict=True):
         gap = behind or mount_growth(lens)
-        warm.append(larger(surface, behind or before or gap, gap))
+        result.append(scaled(surface, behind or before or gap, gap))
         before = behind
-    return warm
+    return result
 
 
 def mount_growth(lens: Usd.Prim) -> float:
@@ -69,7 +71,8 @@ def mount_growth(lens: Usd.Prim) -> float:
 
 def growth_of(part: Usd.Prim, lens: Usd.Prim) -> float:
     """Ratio of lengths of a sensor or of microlenses at the temperature of the lens; 1 if no expansion is stated."""
-    (from_c, to_c), stated = temperatures_c(lens), read(part, "plen:expansion")
+    from_c, to_c = temperatures_c(lens)
+    stated = read(part, "plen:expansion")
     return 1.0 if stated is None else float(1 + stated * _PER_K * (to_c - from_c))
 
 
@@ -87,11 +90,13 @@ def _is_glass(prim: Usd.Prim) -> bool:
 
 
 def _expansion_per_k(prim: Usd.Prim) -> float:
+    """Thermal expansion of the glass behind a surface, as stated or from the table [1/K]."""
     stated = read(prim, "plen:expansion")
     return _thermal(prim).expansion_per_k if stated is None else stated * _PER_K
 
 
 def _thermal(prim: Usd.Prim) -> Thermal:
+    """Thermal constants of the glass behind a surface, by its name; UnreadableValue: unknown."""
     name = need(prim, "plen:glass")
     try:
         if not name:
@@ -102,9 +107,11 @@ def _thermal(prim: Usd.Prim) -> Thermal:
         raise UnreadableValue(error.message, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
 
 
-def larger(surface: Surface, growth: float, gap: float) -> Surface:
+def scaled(surface: Surface, growth: float, gap: float) -> Surface:
     """A surface scaled by `growth`, its thickness by `gap`. The term a_p r^p of an asphere is a length."""
-    widths, relief, semi_mm = surface.half_widths_mm, surface.relief, surface.semi_diameter_mm * growth
+    widths = surface.half_widths_mm
+    relief = surface.relief
+    semi_mm = surface.semi_diameter_mm * growth
     if relief is not None:
         heights_mm = tuple(tuple(height * growth for height in row) for row in relief.heights_mm)
         relief = Relief(heights_mm=heights_mm, spacing_mm=relief.spacing_mm * growth)
@@ -122,7 +129,7 @@ def larger(surface: Surface, growth: float, gap: float) -> Surface:
     )
 
 
-def larger_array(array: MicrolensArray, growth: float) -> MicrolensArray:
+def scaled_array(array: MicrolensArray, growth: float) -> MicrolensArray:
     """Microlenses scaled, with their distance from the sensor; offset, an error of assembly, and index are kept."""
     if growth == 1:
         return array
@@ -130,7 +137,7 @@ def larger_array(array: MicrolensArray, growth: float) -> MicrolensArray:
     def grown(length_mm: float | None) -> float | None:
         return None if length_mm is None else length_mm * growth
 
-    def each(lengths_mm: tuple[float, ...]) -> tuple[float, ...]:
+    def all_grown(lengths_mm: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(length_mm * growth for length_mm in lengths_mm)
 
     return replace(
@@ -142,7 +149,7 @@ def larger_array(array: MicrolensArray, growth: float) -> MicrolensArray:
         distance_mm=array.distance_mm * growth,
         disc_diameter_mm=grown(array.disc_diameter_mm),
         thickness_mm=grown(array.thickness_mm),
-        front_radii_mm=each(array.front_radii_mm),
-        rear_radii_mm=each(array.rear_radii_mm),
-        focal_lengths_mm=() if array.model == "refractive" else each(array.focal_lengths_mm),  # radii decide
+        front_radii_mm=all_grown(array.front_radii_mm),
+        rear_radii_mm=all_grown(array.rear_radii_mm),
+        focal_lengths_mm=() if array.model == "refractive" else all_grown(array.focal_lengths_mm),  # radii decide
     )

@@ -71,7 +71,9 @@ def share(seed: int, member: int, path: str, entry: int) -> float:
 def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
     """The text of the layer of a member that will lie at `out` over a stage that passed the checks, and its numbers."""
     composed, _ = open_stage(stage)
-    seed, values, numbers = need(composed.GetDefaultPrim(), "plen:seed"), dict[Sdf.Path, Samples](), []
+    seed = need(composed.GetDefaultPrim(), "plen:seed")
+    values = dict[Sdf.Path, Samples]()
+    numbers = []
     for path, tolerance in tolerances_of(composed).items():
         attribute = composed.GetAttributeAtPath(path)
         samples = samples_of(attribute)
@@ -90,16 +92,17 @@ def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
 
 def tolerances_of(stage: Usd.Stage) -> dict[Sdf.Path, Tolerance]:
     """The tolerance of each property that has one, on a stage that passed the checks."""
-    found = dict[Sdf.Path, Tolerance]()
+    by_path = dict[Sdf.Path, Tolerance]()
     for prim in _tolerances(stage):
         stated = (need(prim, f"plen:tolerance:{name}") for name in (*_FIELDS, "together"))
-        found |= dict.fromkeys(target_paths(prim.GetRelationship(_OF)), Tolerance(*stated))
-    return found
+        by_path |= dict.fromkeys(target_paths(prim.GetRelationship(_OF)), Tolerance(*stated))
+    return by_path
 
 
 def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of a PlenTolerance: properties that can have none, have another one, or may leave their range."""
-    stage, relationship = prim.GetStage(), prim.GetRelationship(_OF)
+    stage = prim.GetStage()
+    relationship = prim.GetRelationship(_OF)
     stated = [read(prim, f"plen:tolerance:{name}") for name in _FIELDS]
     reach = None if None in stated else Tolerance(*stated).reach
     before = [other for other in _tolerances(stage) if other.GetPath() < prim.GetPath()]
@@ -128,12 +131,12 @@ def check_tolerance(prim: Usd.Prim) -> Iterator[Problem]:
             yield problem(relationship, "out-of-range", message, hint="make the spread smaller")
 
 
-def check_effect(stage: Usd.Stage, taken: Set[str]) -> Iterator[Problem]:
-    """A warning for each number with a tolerance that no record uses; `taken` holds the paths that records use."""
+def check_effect(stage: Usd.Stage, used: Set[str]) -> Iterator[Problem]:
+    """A warning for each number with a tolerance that no record uses; `used` holds the paths that records use."""
     for prim in _tolerances(stage):
         relationship = prim.GetRelationship(_OF)
         for path in target_paths(relationship):
-            if not taken & {str(path), str(path.GetPrimPath())}:
+            if not used & {str(path), str(path.GetPrimPath())}:
                 message = f"no camera or target of the dataset is made of <{path}>: its tolerance has no effect"
                 hint = "the attributes of a Camera itself serve viewers; light follows those of PlenCameraAPI"
                 yield warning(relationship, "unused-tolerance", message, hint=hint)
@@ -145,8 +148,10 @@ def _why_fixed(attribute: Usd.Attribute, samples: Samples) -> str | None:
         return "it is no property"
     if attribute.GetPrim().IsInstanceProxy():
         return "USD ignores what is written below an instance"
+    if not samples:
+        return "it is not written"
     value = next((value for value in samples.values() if not len(entries(value))), None)
-    return f"it is {value}" if value is not None else None if samples else "it is not written"
+    return None if value is None else f"it is {value}"
 
 
 def _tolerances(stage: Usd.Stage) -> list[Usd.Prim]:
@@ -156,6 +161,7 @@ def _tolerances(stage: Usd.Stage) -> list[Usd.Prim]:
 
 
 def _all_moved(value: Any, by: float) -> Any:
+    """A value of USD with all of its numbers moved."""
     for i in range(len(entries(value))):
         value = moved_by(value, i, by)
     return value

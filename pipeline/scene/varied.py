@@ -18,7 +18,7 @@ from pipeline.scene.usd.poses import stage_mm_per_unit
 from pipeline.scene.usd.problems import Problem, StageError, problem
 from pipeline.scene.usd.values import UnreadableValue, read, rule_of, target_paths, targets
 
-ASKED = "plen:truth:derivatives"
+_DERIVATIVES = "plen:truth:derivatives"
 """Relationship of a camera to the numbers with respect to which its rows have derivatives."""
 _SHARE, _LEAST, _FROM_ZERO = 1e-5, 1e-8, 1e-4
 """Step of a number, as a share of it: differences then err by 1e-10 of the derivative, and rounding by 1e-8. The
@@ -37,27 +37,30 @@ _ALWAYS = Usd.TimeCode.Default()
 
 def with_varied(root: Usd.Prim, dataset: Dataset, reader: Callable[[Usd.Stage], Dataset]) -> Dataset:
     """The dataset with all numbers by which its cameras ask for derivatives; StageError with all that have none."""
-    varied, problems = {}, list[Problem]()
+    varied = {}
+    problems = list[Problem]()
     for camera in targets(root, "plen:cameras", "Camera"):
-        relationship, asked = camera.GetRelationship(ASKED), list[VariedNumber[Dataset]]()
+        relationship = camera.GetRelationship(_DERIVATIVES)
+        numbers = list[VariedNumber[Dataset]]()
         for path in target_paths(relationship):
             try:
-                asked += _varied(root, path, dataset, reader)
-            except UnreadableValue as error:  # the wish is wrong, not what it names
+                numbers += _varied(root, path, dataset, reader)
+            except UnreadableValue as error:  # the relationship is wrong, not what it names
                 problems.append(problem(relationship, error.code, error.message, hint=error.hint))
-        if asked:
-            varied[str(camera.GetPath())] = tuple(asked)
+        if numbers:
+            varied[str(camera.GetPath())] = tuple(numbers)
     if problems:
         raise StageError(problems)
     if not varied:
         return dataset
-    wishes = tuple(f"{path}.{ASKED}" for path in varied)
-    return replace(dataset, varied=varied, sources={**dataset.sources, "derivatives": wishes})
+    sources = tuple(f"{path}.{_DERIVATIVES}" for path in varied)
+    return replace(dataset, varied=varied, sources={**dataset.sources, "derivatives": sources})
 
 
 def _varied(
     root: Usd.Prim, path: Sdf.Path, dataset: Dataset, reader: Callable[[Usd.Stage], Dataset]
 ) -> Iterator[VariedNumber[Dataset]]:
+    """The numbers of a property, or those of the pose of a camera or target, each a little less and more."""
     if path.IsPropertyPath():
         yield from varied_numbers(root.GetStage(), path, reader)
         return
@@ -68,16 +71,17 @@ def _varied(
         message = f"rows have no derivative by <{path}>, which is neither a camera nor a target of the dataset"
         raise UnreadableValue(message, prim, hint, "no-derivative")
     for axis, (name, unit) in enumerate(_POSE):
-        of_axis = VISION_FROM_CAMERA[axis % 3, axis % 3] if is_camera else 1.0
+        direction = VISION_FROM_CAMERA[axis % 3, axis % 3] if is_camera else 1.0
         less, more = (
-            reader(overridden(root.GetStage(), _posed(prim, axis, sign * of_axis * _POSE_STEP))) for sign in (-1, 1)
+            reader(overridden(root.GetStage(), _posed(prim, axis, sign * direction * _POSE_STEP))) for sign in (-1, 1)
         )
         yield VariedNumber(name=f"{path} {name}", unit=unit, step=_POSE_STEP, less=less, more=more)
 
 
 def _posed(prim: Usd.Prim, axis: int, by: float) -> Overrides:
     """A camera or target moved along, or turned about, an axis of its own [mm, degrees]."""
-    order, step = UsdGeom.Xformable(prim).GetXformOpOrderAttr(), Gf.Vec3d()
+    order = UsdGeom.Xformable(prim).GetXformOpOrderAttr()
+    step = Gf.Vec3d()
     step[axis % 3] = by if axis >= 3 else by / stage_mm_per_unit(prim)
     name = "xformOp:rotateXYZ:varied" if axis >= 3 else "xformOp:translate:varied"
     ops = Vt.TokenArray([*(order.Get() or ()), name])  # the last one is applied first
@@ -98,7 +102,8 @@ def varied_numbers(stage: Usd.Stage, path: Sdf.Path, reader: Callable[[Usd.Stage
         raise UnreadableValue(message, attribute or stage.GetPrimAtPath(path.GetPrimPath()), hint, "no-derivative")
     rule = rule_of(attribute.GetPrim(), attribute.GetName())
     for i, entry in enumerate(numbers):
-        half, ends = _step(attribute, i, abs(float(entry))), []
+        half = _step(attribute, i, abs(float(entry)))
+        ends = []
         for sign in (-1, 1):
             moved = {time: moved_by(value, i, sign * half) for time, value in values.items()}
             if rule is not None and not all(map(rule.holds, moved.values())):

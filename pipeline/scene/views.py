@@ -141,45 +141,46 @@ class _View:
     outlook: Outlook
 
 
-def _look(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> _View:
+def _view_on_target(dataset: Dataset, entry: CameraEntry, camera: Camera, number: int) -> _View:
     """The view of a camera of a dataset on the target of an index."""
-    name, frames, target = entry.name, dataset.frames_of(entry), dataset.targets[number]
+    frames = dataset.frames_of(entry)
+    target = dataset.targets[number]
     view = view_of(camera)
     widest = _WIDEST_BLUR if view is camera else _WIDEST_IN_VIEW
-    # A sample of the points, posed in all frames.
-    marked = target.target.points()
-    count = min(len(marked.kinds), max(1, _POINTS // max(1, len(frames))))
-    kept = np.unique(np.linspace(0, len(marked.kinds) - 1, count).astype(int))
-    points, front, kinds = marked.position_mm[kept], marked.plane_axes[kept][:, :, 2], np.array(marked.kinds)[kept]
-    poses = np.array([frame.vision_from_target(name, target.name) for frame in frames])
-    places = np.einsum("fij,nj->fni", poses[:, :3, :3], points) + poses[:, None, :3, 3]
-    fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], front)
-    # Points in view and in focus, but for those that something hides.
-    outlooks = outlook(view, places, fronts)
+    # Take a sample of the points, and pose it in all frames.
+    points = target.target.points()
+    count = min(len(points.kinds), max(1, _POINTS // max(1, len(frames))))
+    sample = np.unique(np.linspace(0, len(points.kinds) - 1, count).astype(int))
+    kinds = np.array(points.kinds)[sample]
+    poses = np.array([frame.vision_from_target(entry.name, target.name) for frame in frames])
+    positions = np.einsum("fij,nj->fni", poses[:, :3, :3], points.position_mm[sample]) + poses[:, None, :3, 3]
+    fronts = np.einsum("fij,nj->fni", poses[:, :3, :3], points.plane_axes[sample][:, :, 2])
+    # Find the points in view and in focus, but for those that something hides.
+    outlooks = outlook(view, positions, fronts)
     fate = outlooks.fate
     if len(dataset.targets) + len(dataset.occluders) > 1:
         for index in range(0, len(frames), 1 + len(frames) // _HIDING):
             visible = np.flatnonzero(fate[index] == Fate.SEEN)
             if not len(visible):
                 continue
-            before = pupil_points_mm(camera), places[index, visible]
-            around = surroundings(dataset, frames[index], name, before=before)
-            hidden = _hidden(around, camera, number, places[index, visible], fronts[index, visible])
+            before = pupil_points_mm(camera), positions[index, visible]
+            obstacles = surroundings(dataset, frames[index], entry.name, before=before)
+            hidden = _hidden(obstacles, camera, number, positions[index, visible], fronts[index, visible])
             fate[index, visible[hidden]] = HIDDEN
-    # Points that blur into each other.
+    # Find the frames in which points of one kind blur into each other.
     spacing = np.full(len(frames), np.inf)
     for index in range(len(frames)):
         visible = fate[index] == Fate.SEEN
         if visible.any():
-            alike = (places[index, visible & (kinds == kind)] for kind in set(kinds[visible]))
-            spacing[index] = max(_spacing_px(view, points) for points in alike)
+            by_kind = (positions[index, visible & (kinds == kind)] for kind in set(kinds[visible]))
+            spacing[index] = max(_spacing_px(view, points_mm) for points_mm in by_kind)
             if spacing[index] < max(_LEAST_PX, np.median(outlooks.blur_px[index, visible]) / widest):
                 fate[index, visible] = MERGED
-    # The share of visible points, and the most common reason of the rest.
+    # Take the share of visible points, and the most common fate of the rest.
     share = (fate == Fate.SEEN).sum(axis=1) / np.maximum(1, (fate != Fate.AWAY).sum(axis=1))
     missed = [row[(row != Fate.SEEN) & ((row != Fate.AWAY) | (row != Fate.SEEN).all())] for row in fate]
     fates = [Counter(row.tolist()).most_common(1)[0][0] if len(row) else None for row in missed]
-    return _View(tuple(frame.number for frame in frames), share, fates, places, fronts, spacing, outlooks)
+    return _View(tuple(frame.number for frame in frames), share, fates, positions, fronts, spacing, outlooks)
 
 
 def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
@@ -187,10 +188,11 @@ def _spacing_px(camera: Camera, points_mm: np.ndarray) -> float:
     if len(points_mm) < 2:
         return float("inf")
     sample = np.linspace(0, len(points_mm) - 1, min(_NEIGHBOURS, len(points_mm))).astype(int)
-    across = slice(3 if is_steep(camera.prescription, points_mm).any() else 2)  # beside the lens, z is no depth
-    apart = np.linalg.norm(points_mm[sample, None, across] - points_mm[None, :, across], axis=2)
-    apart[np.arange(len(sample)), sample] = np.inf
-    spacing_mm, z_mm = float(np.median(apart.min(axis=1))), np.mean(depths_mm(camera.prescription, points_mm))
+    axes = slice(3 if is_steep(camera.prescription, points_mm).any() else 2)  # beside the lens, z is no depth
+    distance_mm = np.linalg.norm(points_mm[sample, None, axes] - points_mm[None, :, axes], axis=2)
+    distance_mm[np.arange(len(sample)), sample] = np.inf
+    spacing_mm = float(np.median(distance_mm.min(axis=1)))
+    z_mm = np.mean(depths_mm(camera.prescription, points_mm))
     if camera.microlenses:
         return spacing_mm * float(behind_microlenses_px(camera, camera.microlenses, z_mm[None])[1][0])
     return spacing_mm * camera.sensor.width_px / covered_mm(camera, float(z_mm))[0]
@@ -215,9 +217,10 @@ def surroundings(
         for entry in dataset.occluders_in(frame)
     ]
     if before:
+        # All light between the points is in a capsule about the line between their means.
         ends = np.array([points.mean(axis=0) for points in before])
-        wide = max(np.linalg.norm(points - end, axis=1).max() for points, end in zip(before, ends, strict=True))
-        occluders = [(thing, pose) for thing, pose in occluders if thing.may_reach(pose[None], ends, wide)[0]]
+        radius = max(np.linalg.norm(points - end, axis=1).max() for points, end in zip(before, ends, strict=True))
+        occluders = [(shape, pose) for shape, pose in occluders if shape.may_reach(pose[None], ends, radius)[0]]
     return Surroundings(targets, occluders)
 
 
@@ -227,7 +230,7 @@ def _hidden(
     """Whether points of a target are hidden from every sampled point of the entrance pupil, (n,) bool."""
     hidden = surroundings.may_hide(points_mm, front)
     front_mm = -camera.prescription.vertices_from_stop_mm[0]
-    hidden &= ~is_steep(camera.prescription, points_mm)  # who decides that is the build
+    hidden &= ~is_steep(camera.prescription, points_mm)  # only a build decides about points beside the lens
     for pupil in pupil_points_mm(camera) if hidden.any() else ():
         direction = points_mm - pupil
         direction *= np.sign(direction[:, 2:]) / np.linalg.norm(direction, axis=1, keepdims=True)
@@ -236,29 +239,32 @@ def _hidden(
     return hidden
 
 
-def check_seen(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
+def check_visible(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
     """Warnings for each camera and target if few or no points of the target are visible in some frames."""
     for entry in dataset.cameras:
         camera = focused(entry.camera)  # `check_doubts` has focused it, too
         for number, board in enumerate(dataset.targets):
             if not board.target.points().kinds:
                 continue
-            view = _look(dataset, entry, camera, number)
+            view = _view_on_target(dataset, entry, camera, number)
             prim = stage.GetPrimAtPath(board.prim_path)
             fates = {frame: fate for frame, fate in zip(view.numbers, view.fates, strict=True) if fate is not None}
             is_few = (view.share > 0) & (view.share < _FEW)
-            kinds = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
-            for code, (sees, which) in zip(NOT_SEEN, kinds, strict=True):
-                missed = {frame: fates[frame] for frame in np.array(view.numbers)[which].tolist()}
+            cases = ("no point", view.share == 0), ("less than a quarter of the points", is_few)
+            for code, (amount, is_case) in zip(NOT_SEEN, cases, strict=True):
+                missed = {frame: fates[frame] for frame in np.array(view.numbers)[is_case].tolist()}
                 if missed:
-                    whom = f'"{entry.name}" sees {sees} of "{prim.GetName()}"'
-                    message = f"{whom} in {len(missed)} of {len(view.numbers)} frames: {_listed(missed)}"
+                    message = (
+                        f'"{entry.name}" sees {amount} of "{prim.GetName()}" in {len(missed)} of {len(view.numbers)}'
+                        f" frames: {_listed(missed)}"
+                    )
                     yield warning(prim, code, message, hint=_hint(camera, view, missed))
 
 
 def check_speeds(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
     """Warnings of motion while a shutter is open by prims that have no more than a pose per frame."""
-    numbers, told = {frame.number for frame in dataset.frames}, set[tuple[str, str]]()
+    numbers = {frame.number for frame in dataset.frames}
+    reported = set[tuple[str, str]]()
     for entry, frame in itertools.product(dataset.cameras, dataset.frames):
         motions = frame.motions.get(entry.name)
         if motions is None or entry.shutter is None:
@@ -266,36 +272,41 @@ def check_speeds(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
         posed = {board.prim_path: motions.targets.get(board.name) for board in dataset.targets} | motions.things
         for path, motion in posed.items():
             prims = map(stage.GetPrimAtPath, (path, entry.prim_path))
-            flying = next((prim for prim in prims if _is_posed_alone(prim, numbers)), None)
-            if motion is None or flying is None or (entry.name, flying.GetName()) in told:
+            moving = next((prim for prim in prims if _is_posed_at_frames(prim, numbers)), None)
+            if motion is None or moving is None or (entry.name, moving.GetName()) in reported:
                 continue
-            told.add((entry.name, flying.GetName()))
+            reported.add((entry.name, moving.GetName()))
             points = next(
-                (each.target.points().position_mm for each in dataset.targets if each.prim_path == path), _ORIGIN
+                (board.target.points().position_mm for board in dataset.targets if board.prim_path == path), _ORIGIN
             )
-            yield _flying(flying, entry, frame.number, motion, points)
+            yield _moves_between_frames(moving, entry, frame.number, motion, points)
 
 
-def _is_posed_alone(prim: Usd.Prim, numbers: set[int]) -> bool:
+def _is_posed_at_frames(prim: Usd.Prim, numbers: set[int]) -> bool:
     """Whether a prim has poses at frames alone, and neither a spline nor samples between frames."""
     ops = moved_ops(prim)
     return bool(ops) and not any(op.HasSpline() or set(op.GetTimeSamples()) - numbers for op in ops)
 
 
-def _flying(prim: Usd.Prim, entry: CameraEntry, number: int, motion: Motion, points_mm: np.ndarray) -> Problem:
+def _moves_between_frames(
+    prim: Usd.Prim, entry: CameraEntry, number: int, motion: Motion, points_mm: np.ndarray
+) -> Problem:
+    """The warning of a prim that moves from pose to pose while a shutter is open, with the path of its points."""
     assert entry.shutter is not None
     camera = focused(entry.camera)
     first_s, end_s = entry.shutter.window_s(camera.sensor.size_px)
     times_s = np.linspace(first_s, end_s, _INSTANTS)
-    places = np.array([apply(pose, points_mm) for pose in motion.at(times_s)])
-    way_mm = np.linalg.norm(places - places[0], axis=2).max()
-    z_mm = float(places[0, :, 2].mean())
-    seen_mm = places[:, :, :2] * (z_mm / places[:, :, 2:])
-    way_px = np.linalg.norm(seen_mm - seen_mm[0], axis=2).max() * camera.sensor.width_px / covered_mm(camera, z_mm)[0]
-    pixels = f", {way_px:.2g} px in the image," if z_mm > 0 else ""
+    positions = np.array([apply(pose, points_mm) for pose in motion.at(times_s)])
+    path_mm = np.linalg.norm(positions - positions[0], axis=2).max()
+    # Project the points onto the plane at their mean depth, for the path in the image.
+    z_mm = float(positions[0, :, 2].mean())
+    on_plane_mm = positions[:, :, :2] * (z_mm / positions[:, :, 2:])
+    in_plane_mm = np.linalg.norm(on_plane_mm - on_plane_mm[0], axis=2).max()
+    path_px = in_plane_mm * camera.sensor.width_px / covered_mm(camera, z_mm)[0]
+    pixels = f", {path_px:.2g} px in the image," if z_mm > 0 else ""
     message = (
-        f"<{prim.GetPath()}> moves {way_mm:.3g} mm{pixels} while the shutter of {entry.name} is open in frame {number}:"
-        f" {way_mm / (end_s - first_s):.3g} mm/s on the straight way to the pose of another frame"
+        f"<{prim.GetPath()}> moves {path_mm:.3g} mm{pixels} while the shutter of {entry.name} is open in frame"
+        f" {number}: {path_mm / (end_s - first_s):.3g} mm/s on the straight way to the pose of another frame"
     )
     hint = "to hold a pose, write it when the shutter opens and when it closes; a sample beyond the frames means motion"
     return warning(prim, "flying", message, hint=hint)
@@ -324,24 +335,25 @@ def _hint(camera: Camera, view: _View, missed: dict[int, int]) -> str:
     x, y, z = points_mm.mean(axis=0)
     if fate == Fate.AWAY:
         cosine = -np.median(np.sum(points_mm * view.front[index], axis=1) / np.linalg.norm(points_mm, axis=1))
-        turned = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        return f"in frame {number} its front, +Z, looks {turned:.0f} degrees past the camera: turn it about its X or Y"
+        angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        return f"in frame {number} its front, +Z, looks {angle:.0f} degrees past the camera: turn it about its X or Y"
     if fate == HIDDEN:
         return "move it, or the object in front of it"
     if fate == MERGED:
-        spacing, blur = view.spacing_px[index], np.median(view.outlook.blur_px[index])
-        apart = f"{spacing:.2g} px apart{_picture(camera)}"
-        return f"in frame {number}, {z:.4g} mm before the stop, points are {apart} and blur to {blur:.3g} px"
+        blur = np.median(view.outlook.blur_px[index])
+        spacing = f"{view.spacing_px[index]:.2g} px apart{_picture(camera)}"
+        return f"in frame {number}, {z:.4g} mm before the stop, points are {spacing} and blur to {blur:.3g} px"
     if fate == Fate.BLURRED:
-        blur, wide = np.median(view.outlook.blur_px[index]), widest_blur_px(view_of(camera))
-        of = _picture(camera).removeprefix(" in ") or "the image"
+        blur = np.median(view.outlook.blur_px[index])
+        picture = _picture(camera).removeprefix(" in ") or "the image"
         return (
             f"in frame {number} it is {z:.4g} mm before the stop, and the focus at {middle_focus(camera):.4g} mm: its"
-            f" points blur to {blur:.3g} px, and {of} is {wide:.3g} px wide"
+            f" points blur to {blur:.3g} px, and {picture} is {widest_blur_px(view_of(camera)):.3g} px wide"
         )
     width, height = covered_mm(camera, float(z))
-    across, down = ("left" if x < 0 else "right"), ("above" if y < 0 else "below")
+    side = "left" if x < 0 else "right"
+    level = "above" if y < 0 else "below"
     return (
-        f"in frame {number} it is {abs(x):.1f} mm to the {across} of the axis and {abs(y):.1f} mm {down} it;"
+        f"in frame {number} it is {abs(x):.1f} mm to the {side} of the axis and {abs(y):.1f} mm {level} it;"
         f" {z:.4g} mm before the stop the image covers about {width:.3g} x {height:.3g} mm"
     )

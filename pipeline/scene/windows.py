@@ -91,6 +91,7 @@ def _below(camera: Usd.Prim, window: Usd.Prim) -> list[Usd.Prim]:
 
 @read_once
 def _windows(camera: Usd.Prim) -> list[Usd.Prim]:
+    """All windows of a camera, from the lens outwards."""
     return targets(camera, WINDOWS, "PlenWindow")
 
 
@@ -101,6 +102,7 @@ def indices_before(camera: Usd.Prim, wavelength_nm: float) -> Indices:
 
 @read_once
 def _indices(camera: Usd.Prim, prims: tuple[Usd.Prim, ...], wavelength_nm: float) -> Indices:
+    """Indices of some windows of a camera, given from the lens outwards, and of the medium before them."""
     media = [medium_behind(surface, prim) for prim in reversed(prims) for surface in ordered_surfaces(prim)]
     standing = standing_windows(camera)
     outside = scene_medium(camera.GetStage())
@@ -132,27 +134,32 @@ def _read_windows(
     camera: Usd.Prim, prims: Sequence[Usd.Prim], number: float, wavelengths_nm: Sequence[float]
 ) -> Windows:
     """Windows, given from the lens outwards, as they stand in a frame; UnreadableValue, GlassError."""
-    surfaces, groups, first_mm, end_mm = list[Surface](), list[Group](), 0.0, 0.0
+    surfaces = list[Surface]()
+    groups = list[Group]()
+    first_mm = end_mm = 0.0  # first vertex of the outermost window, and last one of the window before
     for prim in reversed(prims):
-        placed, glazed = camera_from_window(camera, prim, number), list(map(read_surface, ordered_surfaces(prim)))
-        x_mm, y_mm, z_mm = placed[:3, 3].tolist()
+        pose = camera_from_window(camera, prim, number)
+        panes = list(map(read_surface, ordered_surfaces(prim)))
+        x_mm, y_mm, z_mm = pose[:3, 3].tolist()
+        # The gap to the window before is the thickness of its last surface.
         if surfaces:
             surfaces[-1] = replace(surfaces[-1], thickness_mm=z_mm - end_mm)
         else:
             first_mm = z_mm
-        end_mm = z_mm + sum(surface.thickness_mm for surface in glazed[:-1])
-        tilt_x, tilt_y, roll = _angles_deg(placed[:3, :3])
+        end_mm = z_mm + sum(surface.thickness_mm for surface in panes[:-1])
+        # Make the window a group with its pose.
+        tilt_x, tilt_y, roll = _angles_deg(pose[:3, :3])
         groups.append(
             Group(
                 name=f"{MARK}{prim.GetName()}",
                 first=len(surfaces),
-                count=len(glazed),
+                count=len(panes),
                 decentre_mm=(x_mm, y_mm),
                 tilt_deg=(tilt_x, tilt_y),
                 roll_deg=roll,
             )
         )
-        surfaces += glazed
+        surfaces += panes
     light = tuple(_indices(camera, tuple(prims), nm) for nm in wavelengths_nm)
     return Windows(surfaces=tuple(surfaces), groups=tuple(groups), first_mm=first_mm, light=light)
 
@@ -167,10 +174,11 @@ def camera_from_window(camera: Usd.Prim, window: Usd.Prim, number: float) -> np.
     return np.round(product(inverse(world_from_camera), world_from_window), _DIGITS) + 0.0
 
 
-def _angles_deg(turn: np.ndarray) -> tuple[float, float, float]:
+def _angles_deg(rotation: np.ndarray) -> tuple[float, float, float]:
     """Angles of a rotation, (3, 3): about x, then about the turned y, then about the turned z."""
-    x, z = math.atan2(-turn[1, 2], turn[2, 2]), math.atan2(-turn[0, 1], turn[0, 0])
-    y = math.atan2(turn[0, 2], math.hypot(turn[1, 2], turn[2, 2]))
+    x = math.atan2(-rotation[1, 2], rotation[2, 2])
+    y = math.atan2(rotation[0, 2], math.hypot(rotation[1, 2], rotation[2, 2]))
+    z = math.atan2(-rotation[0, 1], rotation[0, 0])
     return math.degrees(x) + 0.0, math.degrees(y) + 0.0, math.degrees(z) + 0.0
 
 
@@ -182,7 +190,8 @@ def check_window(window: Usd.Prim) -> Iterator[Problem]:
             message = "a window has no aperture stop: that is in the lens"
             yield problem(surface.GetAttribute("plen:isStop"), "several-stops", message)
     yield from media_behind(window, ordered_surfaces(window))[1]
-    panes, root = ordered_surfaces(window), window.GetStage().GetDefaultPrim()
+    panes = ordered_surfaces(window)
+    root = window.GetStage().GetDefaultPrim()
     has_glass = (read(pane, "plen:glass") or pane.GetAttribute("plen:index").HasAuthoredValue() for pane in panes)
     if panes and not any(has_glass) and (not root or read(root, "plen:medium") in (None, AIR)):
         hint = "write plen:glass on each surface behind which there is glass, as light meets them"
@@ -210,7 +219,8 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
 
 def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
     """Problems of the windows of a camera, and of the medium before them."""
-    relationship, prims = camera.GetRelationship(WINDOWS), _windows(camera)
+    relationship = camera.GetRelationship(WINDOWS)
+    prims = _windows(camera)
     if outer := [prim for before, prim in pairwise(prims) if is_fixed(camera, prim) and not is_fixed(camera, before)]:
         message = f"<{outer[0].GetPath()}> moves with the camera, and is listed behind a window that does not"
         yield problem(relationship, "window-order", message, hint="windows are listed from the lens outwards")
@@ -230,12 +240,14 @@ def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
         yield warning(relationship, "still-window", message, hint=hint)
     if any(not panes or any(read(pane, "plen:isStop") for pane in panes) for panes in map(ordered_surfaces, prims)):
         return  # reported where the window is checked
-    lens, nm = target(camera, "plen:camera:lens", "PlenLens"), read(camera, "plen:camera:wavelength")
-    if not lens or nm is None:
+    # Find windows out of order, then whatever the prescription behind them refuses.
+    lens = target(camera, "plen:camera:lens", "PlenLens")
+    wavelength_nm = read(camera, "plen:camera:wavelength")
+    if not lens or wavelength_nm is None:
         return
     try:
-        bare = read_prescription(lens, nm)
-        if disorder := _disorder(camera, fixed_windows(camera), bare.vertices_from_stop_mm[0], 0.0):
+        prescription = read_prescription(lens, wavelength_nm)
+        if disorder := _disorder(camera, fixed_windows(camera), prescription.vertices_from_stop_mm[0], 0.0):
             yield problem(relationship, "window-order", disorder, hint=_ORDER_HINT)
             return
         has_index = scene_medium(camera.GetStage()) != fluid(AIR)
@@ -266,22 +278,26 @@ def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, nu
 
     `front_mm`: z of the front of the lens. Windows are where planes through their vertices cross its axis.
     """
-    follows, begins_mm = "what follows it", front_mm
+    part_behind = "what follows it"
+    begins_mm = front_mm
     for window in windows:
-        placed = camera_from_window(camera, window, number)
-        normal, vertex_mm = placed[:3, 2], placed[:3, 3]
+        pose = camera_from_window(camera, window, number)
+        normal, vertex_mm = pose[:3, 2], pose[:3, 3]
         if normal[2] < _EDGE_ON:
             return f"<{window.GetPath()}> turns its back, or its edge, to the camera"
+        # Cross the planes through its first and last vertex with the axis.
         first_mm = float(normal @ vertex_mm / normal[2])
         glass_mm = sum(need(pane, "plen:thickness") for pane in ordered_surfaces(window)[:-1])
         last_mm = first_mm + glass_mm / float(normal[2])
         if last_mm >= begins_mm:
-            return f"<{window.GetPath()}> ends {_from_stop(last_mm)}, and {follows} begins {_from_stop(begins_mm)}"
-        follows, begins_mm = f"<{window.GetPath()}>", first_mm
+            return f"<{window.GetPath()}> ends {_from_stop(last_mm)}, and {part_behind} begins {_from_stop(begins_mm)}"
+        part_behind = f"<{window.GetPath()}>"
+        begins_mm = first_mm
     return None
 
 
 def _from_stop(z_mm: float) -> str:
+    """A position on the axis, in words."""
     return f"{abs(z_mm):.6g} mm {'before' if z_mm <= 0 else 'behind'} the stop"
 
 
@@ -306,8 +322,8 @@ def check_standing(
         for window in standing_windows(camera):
             window_from_world = inverse(world_from(window, [number], scale_mm)[0])
             for board, corners in zip(boards, shapes, strict=True):
-                placed = product(window_from_world, world_from(board, [number], scale_mm)[0])
-                if (corners @ placed[2, :3] + placed[2, 3]).max() >= 0:
+                window_from_board = product(window_from_world, world_from(board, [number], scale_mm)[0])
+                if (corners @ window_from_board[2, :3] + window_from_board[2, 3]).max() >= 0:
                     message = f'"{board.GetName()}" is not wholly before <{window.GetPath()}> at time code {number}'
                     hint = f"<{camera.GetPath()}> sees what stands beyond its windows alone, on their -Z side"
                     yield problem(board, "behind-window", message, hint=hint)

@@ -1,4 +1,4 @@
-"""Claim: a warm lens is the prescribed one with other indices and larger lengths, and nothing else.
+"""Claim: a warm lens is the prescribed one with other indices and scaled lengths, and nothing else.
 
 Judged by scaling, by the focal length of a thin lens in closed form, and by the tasks of a lens that is not warm.
 """
@@ -17,7 +17,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.first_order import first_order
 from pipeline.optics.prescription import Relief, Surface
 from pipeline.scene.load import load
-from pipeline.scene.temperature import larger, larger_array
+from pipeline.scene.temperature import scaled, scaled_array
 
 SHAPES = ("even_coefficients", "odd_coefficients", "relief")
 GLASSES = ("S1", "S3", "S4", "S7", "S8", "S10")
@@ -119,12 +119,12 @@ def test_a_plenoptic_camera_that_expands_alike_is_the_same_one_larger(tmp_path, 
 def test_discs_and_pitches_of_two_sizes_expand_too():
     both = {"cross_pitch_mm": 0.21, "aperture": "disc", "disc_diameter_mm": 0.19, "columns": 9, "rows": 8}
     array = MicrolensArray(pitch_mm=0.2, focal_lengths_mm=(2.0,), distance_mm=1.7, offset_x_mm=0.1, **both)
-    larger = larger_array(array, 1.1)
+    scaled = scaled_array(array, 1.1)
     for name in LENGTHS:
         np.testing.assert_allclose(
-            getattr(larger, name) or 0.0, 1.1 * np.array(getattr(array, name) or 0.0), rtol=1e-14
+            getattr(scaled, name) or 0.0, 1.1 * np.array(getattr(array, name) or 0.0), rtol=1e-14
         )
-    assert replace(larger, **{name: getattr(array, name) for name in LENGTHS}) == array
+    assert replace(scaled, **{name: getattr(array, name) for name in LENGTHS}) == array
 
 
 def test_parts_expand_by_their_own_coefficients_and_those_without_do_not(tmp_path):
@@ -155,7 +155,7 @@ LEFT = {"decentre_mm", "focal_length_mm", "image_distance_mm"}
 def test_a_larger_surface_has_the_same_shape(shape):
     """All of its lengths, sags included; a length that is added to surfaces has to be decided on here."""
     surface, growth = Surface(semi_diameter_mm=4.0, thickness_mm=2.0, **shape), 1.7
-    grown = larger(surface, growth, growth)
+    grown = scaled(surface, growth, growth)
     for height_mm in (1.0, 2.5, 4.0):
         assert grown.sag_mm(growth * height_mm) == pytest.approx(growth * surface.sag_mm(height_mm), rel=1e-12)
     lengths = {field.name for field in fields(Surface) if field.name.endswith("_mm")} - LEFT

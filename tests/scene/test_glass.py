@@ -12,7 +12,7 @@ from pipeline.optics.glass.catalogue import find
 from pipeline.optics.glass.medium import GlassError
 from pipeline.optics.transmission import Coating, Film
 from pipeline.scene.load import load, open_dataset
-from pipeline.scene.losses import check_losses, losses_at, read_losses, wavelengths_seen
+from pipeline.scene.losses import check_losses, light_wavelengths_nm, losses_at, read_losses
 
 GLASSES = ["hikari:BAF10", "hikari:BAF10", "schott:SF15", "schott:F5", "ohara:LAL11", "hoya:LAF3"]
 IN_GLASS = (0, 2, 3, 6, 7, 9)
@@ -158,7 +158,7 @@ def test_a_table_has_to_cover_every_channel(stage: Usd.Stage) -> None:
     put(stage, f"{LENS}/S3", internalTransmittanceTable=[0.5, 0.8], internalTransmittanceWavelengths=[480, 610])
     camera = stage.GetPrimAtPath(CAMERA)
     camera.GetAttribute("plen:image:exposure").Set("radiance")
-    seen = wavelengths_seen(camera)
+    seen = light_wavelengths_nm(camera)
     beyond = [nm for nm in seen if nm > 610]
     assert len(seen) == 4 and len(beyond) == 2
     warning, error = check_losses(camera)

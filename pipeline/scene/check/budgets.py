@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pxr import Usd
 
 from pipeline.scene.channels import images_of
-from pipeline.scene.occluders import seen_shapes
+from pipeline.scene.occluders import equal_shapes_in_images
 from pipeline.scene.usd.poses import frame_numbers
 from pipeline.scene.usd.problems import Problem, metadata_problem, over_limit
 from pipeline.scene.usd.values import read, target, targets
@@ -17,7 +17,7 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
     meshes = []
     if prim.IsA("PlenDataset"):
         yield from _check_frames(prim)
-        meshes = [same[0] for same in seen_shapes(prim)]
+        meshes = [equal[0] for equal in equal_shapes_in_images(prim)]
     elif prim.IsA("PlenTarget"):
         yield from _check_points(prim)
         meshes = targets(prim, "plen:mesh", "Mesh")
@@ -31,18 +31,21 @@ def check_budgets(prim: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_frames(root: Usd.Prim) -> Iterator[Problem]:
+    """A problem of too many frames, at the statement that names them."""
     cameras = max(1, sum(map(images_of, targets(root, "plen:cameras", "Camera"))))
     count = len(frame_numbers(root))
-    counted = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
-    for over in over_limit(root.GetAttribute("plen:frames"), "frames", count * cameras, counted):
+    in_words = f"{count:,} frames of {cameras} cameras" if cameras > 1 else f"{count:,} frames"
+    for too_many in over_limit(root.GetAttribute("plen:frames"), "frames", count * cameras, in_words):
         if read(root, "plen:frames"):
-            yield over
+            yield too_many
         else:
-            layer, at = root.GetStage().GetRootLayer(), str(root.GetPath())
-            yield metadata_problem(layer, "endTimeCode", over.code, over.message, hint=over.hint, at=at)
+            layer = root.GetStage().GetRootLayer()
+            code, message, hint = too_many.code, too_many.message, too_many.hint
+            yield metadata_problem(layer, "endTimeCode", code, message, hint=hint, at=str(root.GetPath()))
 
 
 def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
+    """Problems of too many F-numbers, pixels or rays of a camera."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     resolution = read(sensor, "plen:resolution") if sensor else None
     f_numbers = camera.GetAttribute("plen:image:fNumbers")
@@ -54,38 +57,42 @@ def _check_camera(camera: Usd.Prim) -> Iterator[Problem]:
     traced = read(camera, "plen:truth:method") != "direct" or read(camera, "plen:truth:rays")
     fine = (read(camera, "plen:truth:supersampling") or 1) if traced else 1
     pixels = width * height * fine**2
-    counted = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
-    at = sensor.GetAttribute("plen:resolution")
-    if over := over_limit(at, "pixels", pixels, counted):
-        yield from over
+    in_words = f"{width} x {height} pixels" + (f", {fine} x {fine} times as fine," if fine > 1 else "")
+    resolution_attribute = sensor.GetAttribute("plen:resolution")
+    if too_many := over_limit(resolution_attribute, "pixels", pixels, in_words):
+        yield from too_many
         return
-    counts = [("plen:image:samples", width * height)] + ([("plen:truth:samples", pixels)] if traced else [])
-    for name, starts in counts:
+    rays = [("plen:image:samples", width * height)] + ([("plen:truth:samples", pixels)] if traced else [])
+    for name, starts in rays:
         samples = read(camera, name) or 0
-        counted = f"{samples:,} rays from each of {starts:,} positions"
-        yield from over_limit(camera.GetAttribute(name), "rays", starts * samples, counted)
+        in_words = f"{samples:,} rays from each of {starts:,} positions"
+        yield from over_limit(camera.GetAttribute(name), "rays", starts * samples, in_words)
 
 
 def _check_microlenses(array: Usd.Prim) -> Iterator[Problem]:
-    along = read(array, "plen:pitch")
-    if along is None:
+    """A problem of too many microlenses, counted in the square around the array at any rotation."""
+    pitch_mm = read(array, "plen:pitch")
+    if pitch_mm is None:
         return
-    across = (read(array, "plen:crossPitch") or along) * (1.0 if read(array, "plen:layout") == "square" else 0.75**0.5)
+    is_square = read(array, "plen:layout") == "square"
+    row_distance_mm = (read(array, "plen:crossPitch") or pitch_mm) * (1.0 if is_square else 0.75**0.5)
     columns, rows = read(array, "plen:columns"), read(array, "plen:rows")
-    width, height = read(array, "plen:width"), read(array, "plen:height")
+    width_mm, height_mm = read(array, "plen:width"), read(array, "plen:height")
     if columns and rows:
-        name, width, height = "plen:columns", columns * along, rows * along
-    elif width and height:
+        name = "plen:columns"
+        width_mm, height_mm = columns * pitch_mm, rows * pitch_mm
+    elif width_mm and height_mm:
         name = "plen:width"
     else:
         return  # reported as missing
-    count = math.ceil((width**2 + height**2) / (along * across))
-    counted = f"{width:.6g} x {height:.6g} mm at a pitch of {along:g} mm, {count:,} microlenses in the square around"
-    counted += " them,"
-    yield from over_limit(array.GetAttribute(name), "microlenses", count, counted)
+    count = math.ceil((width_mm**2 + height_mm**2) / (pitch_mm * row_distance_mm))
+    size = f"{width_mm:.6g} x {height_mm:.6g} mm at a pitch of {pitch_mm:g} mm"
+    in_words = f"{size}, {count:,} microlenses in the square around them,"
+    yield from over_limit(array.GetAttribute(name), "microlenses", count, in_words)
 
 
 def _check_points(prim: Usd.Prim) -> Iterator[Problem]:
+    """A problem of too many points of a target."""
     if prim.IsA("PlenMeshTarget"):
         name, count = "plen:points", len(read(prim, "plen:points") or ())
     else:

@@ -9,7 +9,7 @@ from pxr import Gf, Usd, UsdGeom
 from pipeline.camera.pupil.from_stop import pupil_fan
 from pipeline.frames import apply
 from pipeline.optics.prescription import Prescription
-from pipeline.scene.occluders import body_of, check_outside_lens, meets_lens, seen_meshes
+from pipeline.scene.occluders import body_of, check_outside_lens, meets_lens, shapes_in_images
 from pipeline.scene.targets import read_target
 from pipeline.scene.usd.plug_in import scene_reader
 from pipeline.scene.usd.poses import (
@@ -53,7 +53,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     boards = targets(root, "plen:targets", "PlenTarget")
     windows = list(dict.fromkeys(prim for camera in cameras for prim in targets(camera, WINDOWS, "PlenWindow")))
     rigid = [*cameras, *boards, *windows]
-    occluders, lamps = seen_meshes(root), scene_reader().lamp_prims(root.GetStage())
+    occluders, lamps = shapes_in_images(root), scene_reader().lamp_prims(root.GetStage())
     moved = dict.fromkeys(link for prim in [*rigid, *occluders, *lamps] for link in ancestry(prim))
     exact = {link for prim in rigid for link in ancestry(prim)}
     problems = [bad for link in moved if specs(link) for bad in _check_link(link, frames, is_exact=link in exact)]
@@ -62,7 +62,9 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
     yield from problems
     if not any(bad.is_error for bad in problems):
         patches = [read_target(board).patches() for board in boards]
-        shapes = [np.concatenate([apply(patch.target_from_patch, patch.mesh()) for patch in each]) for each in patches]
+        shapes = [
+            np.concatenate([apply(patch.target_from_patch, patch.mesh()) for patch in of_board]) for of_board in patches
+        ]
         for camera in cameras:
             yield from _check_before_camera(camera, boards, shapes, root, frames)
             yield from check_outside_lens(camera, root, frames)
@@ -70,6 +72,7 @@ def check_poses(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> Iterator[Problem]:
+    """Problems of the operations of one prim; `is_exact`: the pose of a camera, target or window depends on it."""
     for op in xform_ops(prim):
         attribute = op.GetAttr()
         times = set(attribute.GetTimeSamples()) if not attribute.HasSpline() else set(frames)
@@ -88,6 +91,7 @@ def _check_link(prim: Usd.Prim, frames: tuple[int, ...], *, is_exact: bool) -> I
 
 
 def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterator[Problem]:
+    """Problems of the value of an operation in a frame; `sample`: the time of its sample, None for a default value."""
     attribute = op.GetAttr()
     value = attribute.Get(float(number))
     if value is None and op.GetOpType() != UsdGeom.XformOp.TypeInvalid:
@@ -98,26 +102,28 @@ def _check_op(op: UsdGeom.XformOp, number: int, sample: float | None) -> Iterato
         message = f'"{attribute.GetName()}" is no affine matrix: its last column is {value.GetColumn(3)}'
         yield warning(attribute, "not-affine", message, hint="it counts as (0, 0, 0, 1)", time=sample)
     elif is_orient(op):
-        parts = quaternion(op, float(number)) or (math.nan,)
-        off = abs(math.sqrt(sum(part * part for part in parts)) - 1.0)
-        if math.isnan(off) or off <= _ROUNDING.get(op.GetPrecision(), 1e-12):
+        components = quaternion(op, float(number)) or (math.nan,)
+        deviation = abs(math.sqrt(sum(component * component for component in components)) - 1.0)
+        if math.isnan(deviation) or deviation <= _ROUNDING.get(op.GetPrecision(), 1e-12):
             return  # NaN is reported elsewhere as not finite
-        if off >= _MENDABLE:
-            message = f"the quaternion is {off:.3g} off unit length, so it is no rotation"
+        if deviation >= _MENDABLE:
+            message = f"the quaternion is {deviation:.3g} off unit length, so it is no rotation"
             yield problem(attribute, "non-rigid", message, hint="write a unit quaternion (w, x, y, z)", time=sample)
         else:
-            message = f"the quaternion is {off:.3g} off unit length; it is normalised"
+            message = f"the quaternion is {deviation:.3g} off unit length; it is normalised"
             yield warning(attribute, "normalised", message, time=sample)
 
 
 def _check_rigid(prim: Usd.Prim, frames: tuple[int, ...]) -> Iterator[Problem]:
+    """A problem of a transform to the world that is no rotation, at the first frame."""
+    # The columns of a rotation R are orthonormal, R^T R = 1, and its determinant is 1.
     rotation = world_from(prim, frames, 1.0)[:, :3, :3]
-    off = np.abs((rotation[:, :, :, None] * rotation[:, :, None, :]).sum(axis=1) - np.eye(3)).max(axis=(1, 2))
+    deviation = np.abs((rotation[:, :, :, None] * rotation[:, :, None, :]).sum(axis=1) - np.eye(3)).max(axis=(1, 2))
     mirrored = np.linalg.det(rotation) < 0
-    bad = np.flatnonzero((off > _RIGID) | mirrored)  # NaN is reported elsewhere as not finite
+    bad = np.flatnonzero((deviation > _RIGID) | mirrored)  # NaN is reported elsewhere as not finite
     if len(bad):
         first = bad[0]
-        fault = "mirrors" if mirrored[first] and off[first] <= _RIGID else "scales or shears"
+        fault = "mirrors" if mirrored[first] and deviation[first] <= _RIGID else "scales or shears"
         message = f"the transform from <{prim.GetPath()}> to the world {fault} at time code {frames[first]}"
         yield problem(_scaling_link(prim), "non-rigid", message, hint="use only translations and rotations")
 
@@ -160,7 +166,9 @@ def _check_before_camera(
         if not len(too_near):
             continue
         first = too_near[0]  # one problem for all frames, told by the first
-        number, z_mm, away_mm = frames[first], nearest_mm[first], np.linalg.norm(vision_from_board[first, :3, 3])
+        number = frames[first]
+        z_mm = nearest_mm[first]
+        origin_mm = np.linalg.norm(vision_from_board[first, :3, 3])
         where, side = ("behind", "behind") if z_mm <= 0 else ("into the lens of", "before")
         listed = frames_in_words(frames[i] for i in too_near) + (f"; in frame {number}" if len(too_near) > 1 else ":")
         message = (
@@ -170,7 +178,8 @@ def _check_before_camera(
         hint = "the camera looks along its -Z: what it sees has a negative z"
         if pupil_fan(prescription).is_wide and not is_direct:
             hint = 'planes across the axis do not reach beside a lens: plen:truth:method = "direct" finds what it sees'
-        if away_mm < _METRES_MM:
-            hint = f"its origin is only {away_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
-        moving, code = moving_op(board), "behind-camera" if z_mm <= 0 else "inside-lens"
+        if origin_mm < _METRES_MM:
+            hint = f"its origin is only {origin_mm:.3g} mm from the stop: were metres meant? The stage is in mm"
+        moving = moving_op(board)
+        code = "behind-camera" if z_mm <= 0 else "inside-lens"
         yield problem(moving or board, code, message, hint=hint, time=float(number) if moving else None)

@@ -38,7 +38,7 @@ FOR_NO_IMAGE = re.compile(
     re.IGNORECASE,
 )
 """Beginnings of properties, types and schemas without effect on images: physics, semantics, settings of renderers."""
-_MOVES = Rule(span=FOREIGN["xformOp"])
+_TRANSFORM_RULE = Rule(span=FOREIGN["xformOp"])
 _TARGETS_NAMED = 5
 """Most missing targets of a relationship that are listed; the rest are counted."""
 # Namespaces in which anybody may add properties to any prim.
@@ -56,7 +56,7 @@ _FAMILIES = {
 
 _APIS = {"Camera": "PlenCameraAPI", "Mesh": "PlenOccluderAPI", "Material": "PlenGlassAPI"}
 """The schema to apply where a prim of a type has attributes of ours."""
-_NAMED = 5
+_VALUES_NAMED = 5
 """Most wrong values of an attribute that are listed."""
 _USE_INSTEAD = {("plen:truth:method", "moments"): 'the method is gone; use "direct", which is more exact;'}
 """Hints for values that were allowed once, by attribute and value."""
@@ -65,7 +65,8 @@ _USE_INSTEAD = {("plen:truth:method", "moments"): 'the method is gone; use "dire
 def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the authored properties of a prim, and of required properties that it lacks."""
     definition = prim.GetPrimDefinition()
-    declared, strange = set(definition.GetPropertyNames()), []
+    declared = set(definition.GetPropertyNames())
+    unknown = []
     is_idle = FOR_NO_IMAGE.match(prim.GetTypeName())
     for prop in prim.GetAuthoredProperties():
         if FOR_NO_IMAGE.match(prop.GetName()) or (is_idle and not prop.GetName().startswith("plen:")):
@@ -77,7 +78,7 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
         elif prop.GetName() in _BINDINGS and isinstance(prop, Usd.Relationship):
             yield from _check_relationship(prop)  # no schema declares it
         elif prop.GetName() not in declared:
-            strange.append(prop.GetName())
+            unknown.append(prop.GetName())
             yield from _check_unknown(prop, declared)
         elif any(isinstance(spec, Sdf.RelationshipSpec) != isinstance(prop, Usd.Relationship) for spec in specs(prop)):
             # USD follows the schema, whatever is written.
@@ -89,17 +90,18 @@ def check_properties(prim: Usd.Prim) -> Iterator[Problem]:
             yield from _check_relationship(prop)
     ours = [name for name in prim.GetAppliedSchemas() if name.startswith("Plen")]
     if not prim.IsAbstract() and all(prim.CanApplyAPI(name) for name in ours):  # else it is not meant to be built
-        meant = {nearest(name, declared) for name in strange}
-        yield from _check_required(prim, meant)
-        yield from _check_conditions(prim, meant)
+        misspelt = {nearest(name, declared) for name in unknown}
+        yield from _check_required(prim, misspelt)
+        yield from _check_conditions(prim, misspelt)
 
 
 def check_apis(prim: Usd.Prim) -> Iterator[Problem]:
     """Problems of the API schemas that files apply to a prim."""
-    registry, named = Usd.SchemaRegistry(), dict[str, Sdf.Spec]()
+    registry = Usd.SchemaRegistry()
+    opinions = dict[str, Sdf.Spec]()
     for spec in saying(prim, "apiSchemas"):  # `GetAppliedSchemas` would add those that they include
-        named = dict.fromkeys(spec.GetInfo("apiSchemas").GetAddedOrExplicitItems(), spec) | named
-    for full, spec in named.items():
+        opinions = dict.fromkeys(spec.GetInfo("apiSchemas").GetAddedOrExplicitItems(), spec) | opinions
+    for full, spec in opinions.items():
         name, instance = registry.GetTypeNameAndInstance(full)
         if FOR_NO_IMAGE.match(name) or (name in LENS_DISTORTION and prim.GetTypeName() == "Camera"):
             continue
@@ -111,11 +113,11 @@ def check_apis(prim: Usd.Prim) -> Iterator[Problem]:
             continue
         # Files and ApplyAPI() ignore apiSchemaCanOnlyApplyTo; only this call respects it.
         if registry.IsMultipleApplyAPISchema(name) != bool(instance):
-            why = f'the API schema "{full}" {"takes no name" if instance else "needs a name"} behind a colon'
+            reason = f'the API schema "{full}" {"takes no name" if instance else "needs a name"} behind a colon'
         else:
-            why = prim.CanApplyAPI(*([name, instance] if instance else [name])).whyNot
-        if why:
-            yield at_opinion(spec, problem(prim, "api-not-applicable", why))
+            reason = prim.CanApplyAPI(*([name, instance] if instance else [name])).whyNot
+        if reason:
+            yield at_opinion(spec, problem(prim, "api-not-applicable", reason))
 
 
 def known_types(base: str, name_of: Callable[[Tf.Type], str]) -> set[str]:
@@ -131,10 +133,13 @@ def _check_scope(prop: Usd.Property) -> Iterator[Problem]:
     if spec := next((each for each in specs(prop) if each.HasInfo(_PATHS[is_attribute])), None):
         paths = spec.GetInfo(_PATHS[is_attribute]).GetAddedOrExplicitItems()
         if paths and not (prop.GetConnections() if is_attribute else target_paths(prop)):
-            name, lost = prop.GetName(), paths[0].GetPrimPath()
+            name = prop.GetName()
+            lost = paths[0].GetPrimPath()
             message = f'"{name}" points at <{paths[0]}> of its file, which the reference leaves out: it does not count'
-            there = f'def "{lost.name}" (references = @{shown_path(file_of(spec.layer.realPath))}@<{lost}>)'
-            hint = f"reference it as well, {there}, and name its path here in an over; or reference a prim above both"
+            reference = f'def "{lost.name}" (references = @{shown_path(file_of(spec.layer.realPath))}@<{lost}>)'
+            hint = (
+                f"reference it as well, {reference}, and name its path here in an over; or reference a prim above both"
+            )
             severity = "error" if name.startswith("plen:") else "warning"
             yield at_opinion(spec, problem(prop, "outside-reference", message, hint=hint, severity=severity))
 
@@ -154,11 +159,12 @@ def _check_op(attribute: Usd.Attribute) -> Iterator[Problem]:
         yield problem(attribute, UnreadableValue.code, message, hint=hint)
         return
     for time, value in _authored_values(attribute):
-        if type(value) is not type(attribute.GetTypeName().defaultValue) or not _MOVES.holds(value):
-            yield from _check_value(attribute, value, time, _MOVES)
+        if type(value) is not type(attribute.GetTypeName().defaultValue) or not _TRANSFORM_RULE.holds(value):
+            yield from _check_value(attribute, value, time, _TRANSFORM_RULE)
 
 
 def _check_unknown(prop: Usd.Property, declared: set[str]) -> Iterator[Problem]:
+    """A problem of a property that no schema of its prim declares, unless it may be extra data."""
     prim, name = prop.GetPrim(), prop.GetName()
     is_ours = name.startswith("plen:")  # plen: names are never extra data
     if not is_ours and (prop.IsCustom() or name.startswith(_FREE_NAMESPACES)):
@@ -179,36 +185,42 @@ def _check_unknown(prop: Usd.Property, declared: set[str]) -> Iterator[Problem]:
     yield problem(prop, "unknown-property", f'{type_name or "this prim"} has no property "{name}"', hint=hint)
 
 
-def _check_required(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
-    """Problems of required names that are missing; `meant` holds those that are present but misspelt."""
-    for name in [name for names in _schema_facts(prim, "plenRequired") for name in names if name not in meant]:
+def _check_required(prim: Usd.Prim, misspelt: set[str | None]) -> Iterator[Problem]:
+    """Problems of required names that are missing; those in `misspelt` are not reported a second time."""
+    for name in [name for names in _schema_facts(prim, "plenRequired") for name in names if name not in misspelt]:
         relationship = prim.GetRelationship(name)
         if not (target_paths(relationship) if relationship else prim.GetAttribute(name).HasAuthoredValue()):
-            wanted = _wanted_target(prim, name)
-            hint = f"point it at a {wanted}" if wanted else "it has no fallback: write it"
+            target_type = _wanted_target(prim, name)
+            hint = f"point it at a {target_type}" if target_type else "it has no fallback: write it"
             yield problem(prim, "missing-value", f'{prim.GetTypeName()} needs "{name}"', hint=hint)
 
 
-def _check_conditions(prim: Usd.Prim, meant: set[str | None]) -> Iterator[Problem]:
-    """Problems of attributes that other values require, or that have no meaning beside them; `meant` as above."""
+def _check_conditions(prim: Usd.Prim, misspelt: set[str | None]) -> Iterator[Problem]:
+    """Problems of attributes that other values require, or that have no meaning beside them; `misspelt` as above."""
 
-    def stated(rule: Condition) -> str:
-        return f'"{rule.name}" = "{read(prim, rule.name)}"' if rule.tokens else f'"{rule.name}"'
+    def stated(condition: Condition) -> str:
+        name = condition.name
+        return f'"{name}" = "{read(prim, name)}"' if condition.tokens else f'"{name}"'
 
     for name, rule in ((name, rule) for name, rule in rules_of(prim).items() if rule.conditions):
-        written = is_written(prim, name)
-        needing = next((each for each in rule.conditions if each.kind == "Needed" and each.holds(prim)), None)
-        if needing and not written and name not in meant:
-            at = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
+        is_present = is_written(prim, name)
+        needing = next(
+            (condition for condition in rule.conditions if condition.kind == "Needed" and condition.holds(prim)), None
+        )
+        if needing and not is_present and name not in misspelt:
+            place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
-            yield problem(at, code, f'{stated(needing)} needs "{name}"', hint=hint)
-        failing = next((each for each in rule.conditions if each.kind == "Only" and each.holds(prim) is False), None)
-        if written and failing:
-            message = f'"{name}" has no effect {"with" if failing.tokens else "without"} {stated(failing)}'
-            tokens = " or ".join(f'"{token}"' for token in failing.tokens)
-            hint = f"remove it, or write {failing.name}{' = ' if tokens else ''}{tokens}"
-            code = _FAMILIES.get(failing.name, "unused-value")
+            yield problem(place, code, f'{stated(needing)} needs "{name}"', hint=hint)
+        unmet = next(
+            (condition for condition in rule.conditions if condition.kind == "Only" and condition.holds(prim) is False),
+            None,
+        )
+        if is_present and unmet:
+            message = f'"{name}" has no effect {"with" if unmet.tokens else "without"} {stated(unmet)}'
+            tokens = " or ".join(f'"{token}"' for token in unmet.tokens)
+            hint = f"remove it, or write {unmet.name}{' = ' if tokens else ''}{tokens}"
+            code = _FAMILIES.get(unmet.name, "unused-value")
             yield problem(prim.GetAttribute(name), code, message, hint=hint)
 
 
@@ -217,29 +229,32 @@ def _existing(stage: Usd.Stage, missing: Sdf.Path, wanted: str | None) -> list[s
     if not missing.IsPropertyPath():
         return [str(prim.GetPath()) for prim in stage.TraverseAll() if not wanted or prim.IsA(wanted)]
     if prim := stage.GetPrimAtPath(missing.GetPrimPath()):
-        return [str(given.GetPath()) for given in prim.GetProperties()]
+        return [str(prop.GetPath()) for prop in prim.GetProperties()]
     return [str(prim.GetPath().AppendProperty(missing.name)) for prim in stage.TraverseAll()
             if prim.HasProperty(missing.name)]  # fmt: skip
 
 
 def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
+    """Problems of targets that do not exist, have a wrong type, or are not active."""
     stage, name = relationship.GetStage(), relationship.GetName()
     wanted = _wanted_target(relationship.GetPrim(), name)
     missing = [path for path in target_paths(relationship) if not stage.GetObjectAtPath(path)]
     for path in missing[:_TARGETS_NAMED]:
         fitting = _existing(stage, path, wanted)
-        is_telling = wanted not in (None, "Imageable") and fitting  # nearly all prims are imageable
-        there = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if is_telling else None
+        is_specific = wanted not in (None, "Imageable") and fitting  # nearly all prims are imageable
+        choices = f"of this kind there are {', '.join(fitting[:_TARGETS_NAMED])}" if is_specific else None
         message = f'"{name}" points at <{path}>, which does not exist'
-        yield problem(relationship, "missing-target", message, hint=did_you_mean(str(path), fitting) or there)
+        yield problem(relationship, "missing-target", message, hint=did_you_mean(str(path), fitting) or choices)
     if len(missing) > _TARGETS_NAMED:
         message = f'"{name}" points at {len(missing) - _TARGETS_NAMED:,} others that do not exist'
         yield problem(relationship, "missing-target", message)
     for path in target_paths(relationship) if wanted else ():
         prim = stage.GetPrimAtPath(path)
         if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
-            got = (prim.GetTypeName() or "prim without a type") if prim else "property"
-            yield problem(relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {got}')
+            found_type = (prim.GetTypeName() or "prim without a type") if prim else "property"
+            yield problem(
+                relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {found_type}'
+            )
         elif prim and not prim.IsActive():
             yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')
 
@@ -320,10 +335,11 @@ def _authored_values(attribute: Usd.Attribute) -> Iterator[tuple[float | None, A
 
 
 def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> Iterator[Problem]:
+    """Problems of tokens that the schema of an attribute does not allow."""
     schema = attribute.GetPrim().GetPrimDefinition()
     allowed = list(schema.GetPropertyMetadata(attribute.GetName(), "allowedTokens") or [])
     wrong = dict.fromkeys([value] if isinstance(value, str) else value) if allowed else {}
-    for token in [token for token in wrong if token not in allowed][:_NAMED]:
+    for token in [token for token in wrong if token not in allowed][:_VALUES_NAMED]:
         choices = f"allowed: {', '.join(allowed)}"
         guess = _USE_INSTEAD.get((attribute.GetName(), token)) or did_you_mean(token, allowed)
         message = f'"{shortened(token)}" is not a value of "{attribute.GetName()}"'
@@ -331,6 +347,7 @@ def _check_tokens(attribute: Usd.Attribute, value: Any, time: float | None) -> I
 
 
 def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, span: Range | None) -> Iterator[Problem]:
+    """A problem of the first number of a value that is not finite or outside its range."""
     name, values = attribute.GetName(), numbers(value)
     outside = np.flatnonzero(~(span.holds(values) if span else np.isfinite(values)))
     if not len(outside):

@@ -4,43 +4,39 @@ USD silently composes a stage with a typing error in every attribute. So the che
 tokens and ranges, and then ask whether the parts can be built.
 """
 
-import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Set
-from dataclasses import replace
 from pathlib import Path
 
-from pxr import Ar, Pcp, Sdf, Usd, UsdGeom, Vt
+from pxr import Pcp, Sdf, Usd, Vt
 
 from pipeline.limits import limits
 from pipeline.scene.camera import check_camera, check_planes
 from pipeline.scene.channels import check_channel, check_illuminant
 from pipeline.scene.check.budgets import check_budgets
+from pipeline.scene.check.layers import check_layers, check_used
 from pipeline.scene.check.poses import check_poses
 from pipeline.scene.check.properties import FOR_NO_IMAGE, check_apis, check_properties, known_types
-from pipeline.scene.lens import check_glass, check_group_place, check_groups, check_lens, check_nominal
+from pipeline.scene.lens import check_glass, check_group_parent, check_groups, check_lens, check_nominal
 from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
 from pipeline.scene.states import check_held, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
-from pipeline.scene.temperature import check_cold
+from pipeline.scene.temperature import check_unused_thermal
 from pipeline.scene.tolerances import check_tolerance
 from pipeline.scene.usd.meshes import alike, likeness
 from pipeline.scene.usd.overrides import at_code, changing, check_changing
 from pipeline.scene.usd.plug_in import ThirdPartyLayers, scene_reader
-from pipeline.scene.usd.poses import LAST_FRAME, frame_numbers, is_op
+from pipeline.scene.usd.poses import frame_numbers, is_op
 from pipeline.scene.usd.problems import (
     Problem,
     at_opinion,
-    metadata_problem,
     problem,
     saying,
     shown_path,
     specs,
 )
-from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside, real_path, used_layers
-from pipeline.scene.usd.usda_lines import text_map
-from pipeline.scene.usd.values import Range
+from pipeline.scene.usd.roots import OUTSIDE_HINT, file_of, is_inside
 from pipeline.scene.windows import check_medium, check_unnamed_windows, check_window
 from pipeline.spelling import did_you_mean
 
@@ -48,8 +44,8 @@ _OF_TYPE: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
     ("PlenLens", check_lens),
     ("PlenLens", check_glass),
     ("PlenLens", check_groups),
-    ("PlenLens", check_cold),
-    ("PlenLensGroup", check_group_place),
+    ("PlenLens", check_unused_thermal),
+    ("PlenLensGroup", check_group_parent),
     ("PlenWindow", check_window),
     ("PlenChannel", check_channel),
     ("PlenTolerance", check_tolerance),
@@ -59,22 +55,6 @@ _OF_TYPE: tuple[tuple[str, Callable[[Usd.Prim], Iterable[Problem]]], ...] = (
 )
 _MOST_OPS = 100
 """Most transform operations of one prim: real stages have fewer than ten."""
-# Layer metadata, its fallback, and the behaviour of USD if layers disagree.
-_ALIKE = (
-    ("metersPerUnit", 0.01, "USD does not convert lengths between layers"),
-    ("timeCodesPerSecond", 24.0, "USD would rescale the time codes of the samples"),
-    ("upAxis", "Y", "USD does not turn referenced scenes"),
-)
-
-# Layer metadata that must be numbers of a sane size: nanometres to kilometres, frames, frames per second.
-_NUMBERS = {
-    "metersPerUnit": Range(low=1e-9, high=1e3),
-    "startTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
-    "endTimeCode": Range(low=-LAST_FRAME, high=LAST_FRAME),
-    "timeCodesPerSecond": Range(low=1e-6, high=1e9),
-    "framesPerSecond": Range(low=1e-6, high=1e9),
-}
-
 _LINKS = {
     "PlenLens": "plen:camera:lens",
     "PlenMicrolensArray": "plen:camera:microlenses",
@@ -93,9 +73,9 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
     Each step computes with values that have passed the steps before; where these found too much or nothing to compute
     with, the rest is left out.
     """
-    if outside := _check_used(stage, roots):
+    if outside := check_used(stage, roots):
         return outside
-    problems = [*_check_layers(stage, third_party), *_check_assets(stage, roots, third_party)]
+    problems = [*check_layers(stage, third_party), *_check_assets(stage, roots, third_party)]
     prims = list[Usd.Prim]()
     everything = iter(Usd.PrimRange(stage.GetPseudoRoot(), Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate)))
     next(everything)  # the pseudo-root
@@ -106,23 +86,24 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
             everything.PruneChildren()
             problems += third_party.settled([_of_dangling(prim)])
     # Prims one by one; instances of a prim without problems have none either.
-    wrong, right = set[Sdf.Path](), set[Hashable]()
+    wrong = set[Sdf.Path]()
+    faultless = set[Hashable]()
     for prim in filter(Usd.Prim.IsActive, prims):
-        said = prim.IsAbstract(), likeness(prim), *((spec.layer.identifier, spec.path) for spec in specs(prim))
-        if said in right:
+        identity = prim.IsAbstract(), likeness(prim), *((spec.layer.identifier, spec.path) for spec in specs(prim))
+        if identity in faultless:
             continue
         of_prim = list(third_party.settled([*_check_prim(prim, third_party), *check_properties(prim)]))
         problems += of_prim
-        right |= set() if of_prim else {said}
+        faultless |= set() if of_prim else {identity}
         if any(problem.is_error for problem in of_prim):
             wrong.add(prim.GetPath())
     # Parts of cameras and targets, at the time codes at which any of them may differ.
     parts = _parts(prims)
-    if over := [problem for prim in parts for problem in check_budgets(prim)]:
-        return list(dict.fromkeys([*problems, *over]))  # the further checks make points, poses and lattices
-    codes = _codes(stage)
-    if blank := list(check_changing(stage, codes)):
-        return list(dict.fromkeys([*problems, *blank]))  # the further checks look at these time codes
+    if over_limit := [problem for prim in parts for problem in check_budgets(prim)]:
+        return list(dict.fromkeys([*problems, *over_limit]))  # the further checks make points, poses and lattices
+    codes = _codes_to_check(stage)
+    if without_value := list(check_changing(stage, codes)):
+        return list(dict.fromkeys([*problems, *without_value]))  # the further checks look at these time codes
     for prim in parts:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
             problems += _check_whole(at_code(prim, code), wrong)
@@ -143,11 +124,12 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
 
 
 def _parts(prims: list[Usd.Prim]) -> list[Usd.Prim]:
+    """Cameras, and prims of our types, that a build may read."""
     ours = [prim for prim in prims if prim.GetTypeName() == "Camera" or prim.GetTypeName().startswith("Plen")]
     return [prim for prim in ours if prim.IsActive() and not prim.IsAbstract()]
 
 
-def _codes(stage: Usd.Stage) -> list[float]:
+def _codes_to_check(stage: Usd.Stage) -> list[float]:
     """Time codes at which lenses and cameras are checked: all frames if any of them is animated, else one."""
     root = find_dataset(stage)
     frames = frame_numbers(root) if root and changing(stage) else ()
@@ -162,7 +144,7 @@ def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_microlenses(prim, wrong) if prim.IsA("PlenMicrolensArray") else []
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
-    return problems + ([*check_camera(prim), *check_cold(prim)] if is_camera(prim) else [])
+    return problems + ([*check_camera(prim), *check_unused_thermal(prim)] if is_camera(prim) else [])
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:
@@ -172,21 +154,21 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
     message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
     hint = did_you_mean(prim.GetName(), siblings)
     if siblings and not hint:
-        where = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
-        hint = f"{where} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
+        place = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+        hint = f"{place} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
     return problem(prim, "over-without-def", message, hint=hint)
 
 
 def _check_prim(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
     name, is_known = prim.GetTypeName(), prim.GetPrimTypeInfo().GetSchemaTypeName()
-    if not is_known and not FOR_NO_IMAGE.match(name) and (typed := saying(prim, "typeName")):
+    if not is_known and not FOR_NO_IMAGE.match(name) and (opinions := saying(prim, "typeName")):
         hint = did_you_mean(name, known_types("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         is_strange = not hint and not name.startswith("Plen")
-        severity = "warning" if is_strange or typed[0].layer in third_party.layers else "error"
+        severity = "warning" if is_strange or opinions[0].layer in third_party.layers else "error"
         hint = "it is not drawn, and its transform does not count" if is_strange else hint
-        told = problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
-        yield at_opinion(typed[0], told)
+        of_opinion = problem(prim, "unknown-type", f'unknown prim type "{name}"', hint=hint, severity=severity)
+        yield at_opinion(opinions[0], of_opinion)
     yield from check_apis(prim)
     yield from _check_xform_order(prim)
     yield from _check_variants(prim, third_party)
@@ -194,11 +176,12 @@ def _check_prim(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Probl
     for name in clips.GetClips() if prim.HasAuthoredMetadata("clips") else ():
         for asset in clips.GetClipAssetPaths(name) or ():
             if not asset.resolvedPath:
-                told = problem(prim, "asset-missing", f"cannot find file @{asset.path}@ of its value clips")
-                yield at_opinion(saying(prim, "clips")[0], told)
+                of_opinion = problem(prim, "asset-missing", f"cannot find file @{asset.path}@ of its value clips")
+                yield at_opinion(saying(prim, "clips")[0], of_opinion)
 
 
 def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
+    """Problems of names in an xformOpOrder that are no operations, and of operations that it leaves out."""
     order = prim.GetAttribute("xformOpOrder")
     value = order.Get() if order else None
     # Anything but an array of tokens is reported as a wrong type.
@@ -215,17 +198,17 @@ def _check_xform_order(prim: Usd.Prim) -> Iterator[Problem]:
     if all(op.GetName() in named for op in ops):
         return
     # A stronger order leaves out what a weaker file moves, as USD intends.
-    strongest = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118
-    decided = strongest.get("xformOpOrder", len(strongest))
-    unused = [op for op in ops if op.GetName() not in named and strongest.get(op.GetName(), 0) <= decided]
+    rank_of = {name: i for i, spec in reversed([*enumerate(specs(prim))]) for name in spec.properties.keys()}  # noqa: SIM118
+    rank_of_order = rank_of.get("xformOpOrder", len(rank_of))
+    unused = [op for op in ops if op.GetName() not in named and rank_of.get(op.GetName(), 0) <= rank_of_order]
     if unused:
         names = ", ".join(f'"{attribute.GetName()}"' for attribute in unused)
-        usual = sorted((attribute.GetName() for attribute in unused), key=_rank)
-        listed = ", ".join(f'"{name}"' for name in [*named, *usual])
-        stand, move = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
+        in_usual_order = sorted((attribute.GetName() for attribute in unused), key=_rank)
+        listed = ", ".join(f'"{name}"' for name in [*named, *in_usual_order])
+        verb, moves = ("stands", "it moves") if len(unused) == 1 else ("stand", "they move")
         acts_first = "; the last one acts first" if len(ops) > 1 else ""
         hint = f"write uniform token[] xformOpOrder = [{listed}]{acts_first}"
-        yield problem(unused[0], "unused-xform-op", f"{names} {stand} in no xformOpOrder, so {move} nothing", hint=hint)
+        yield problem(unused[0], "unused-xform-op", f"{names} {verb} in no xformOpOrder, so {moves} nothing", hint=hint)
 
 
 def _rank(op: str) -> int:
@@ -235,6 +218,7 @@ def _rank(op: str) -> int:
 
 
 def _check_variants(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Problem]:
+    """Problems of selected variants that do not exist."""
     if not prim.HasAuthoredMetadata("variantSelection"):
         return
     sets, stack = prim.GetVariantSets(), specs(prim)
@@ -252,93 +236,46 @@ def _check_variants(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[P
             yield at_opinion(spec, problem(prim, "unknown-variant", message, hint=hint, severity=severity))
 
 
-def _check_layers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
-    """Problems of our own layers."""
-    layers = [layer for layer in used_layers(stage) if layer not in third_party.layers]
-    yield from _check_root(stage)
-    yield from _check_alike(layers)
-    for layer in layers:
-        file = shown_path(layer.realPath)
-        for code, path, message, hint, line in text_map(layer.realPath).flaws:
-            yield Problem(code=code, message=message, file=file, line=line, at=path or None, hint=hint)
-
-
-def _check_root(stage: Usd.Stage) -> Iterator[Problem]:
-    root = stage.GetRootLayer()
-    if not UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-        hint = "USD falls back to centimetres (0.01); write metersPerUnit = 0.001"
-        yield metadata_problem(root, "metersPerUnit", "units", "the stage does not set metersPerUnit", hint=hint)
-    hint = 'write upAxis = "Y"'
-    if not stage.HasAuthoredMetadata(UsdGeom.Tokens.upAxis):
-        missing = metadata_problem(root, "upAxis", "up-axis", "the stage does not set upAxis", hint=hint)
-        yield replace(missing, severity="warning")
-    elif (axis := UsdGeom.GetStageUpAxis(stage)) not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
-        yield metadata_problem(root, "upAxis", "up-axis", f'upAxis = "{axis:.40}" is neither Y nor Z', hint=hint)
-
-
-def check_numbers(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Problem]:
-    """Problems of units and times of layers; in third-party layers of rates alone: by NaN USD scales without end."""
-    for layer, (key, span) in itertools.product(used_layers(stage), _NUMBERS.items()):
-        value = _info(layer, key, None) if layer not in third_party.layers or key.endswith("PerSecond") else None
-        if value is not None and not span.holds(value):
-            yield metadata_problem(layer, key, "out-of-range", f"{key} = {value} is outside {span}")
-
-
-def _check_alike(layers: list[Sdf.Layer]) -> Iterator[Problem]:
-    root, *used = layers
-    for key, fallback, why in _ALIKE:
-        wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in used]
-        if len(used) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
-            message = f"{key} is {wanted} here and {values[0]} in all {len(used)} layers that it uses"
-            hint = f"{why}: say what they say, and write what follows in it"
-            yield metadata_problem(root, key, f"layer-{key}", message, hint=hint)
-            continue
-        for layer, value in zip(used, values, strict=True):
-            if value != wanted:
-                message = f"{key} is {value} here and {wanted} in {shown_path(root.realPath)}"
-                yield replace(metadata_problem(layer, key, f"layer-{key}", message, hint=why), line=1)
-
-
-def _info(layer: Sdf.Layer, key: str, fallback: object) -> object:
-    root = layer.pseudoRoot
-    return root.GetInfo(key) if root.HasInfo(key) else fallback
-
-
 def _check_merged(prim: Usd.Prim) -> Iterator[Problem]:
     """A problem if two files define a part independently, and something of the weaker one remains."""
-    link = next((link for name, link in _LINKS.items() if prim.IsA(name)), None)
-    index = prim.GetPrimIndex() if link else None
+    relationship = next((relationship for name, relationship in _LINKS.items() if prim.IsA(name)), None)
+    index = prim.GetPrimIndex() if relationship else None
     if not index or not index.rootNode:
         return
     first, *weaker = _origins(index.rootNode) or [None]
-    stronger, node = set[str](), first
+    stronger = set[str]()
+    node = first
     while node:
-        stronger, node = stronger | _names(node), node.parent
+        stronger |= _names_in(node)
+        node = node.parent
     for other in weaker:
-        kept = _names(other) - stronger
-        if rest := sorted(name for name in kept if name.split(".")[0] not in kept or "." not in name):
-            more = f" and {len(rest) - _MOST_NAMES} more" if len(rest) > _MOST_NAMES else ""
-            names = f"{', '.join(rest[:_MOST_NAMES])}{more}"
-            message = f'"{prim.GetName()}" is {_file(first)} laid over {_file(other)}, of which it keeps {names}'
-            hint = f"a reference replaces nothing: define another prim beside it, and name that one in {link}"
+        remaining = _names_in(other) - stronger
+        if of_weaker := sorted(name for name in remaining if name.split(".")[0] not in remaining or "." not in name):
+            more = f" and {len(of_weaker) - _MOST_NAMES} more" if len(of_weaker) > _MOST_NAMES else ""
+            names = f"{', '.join(of_weaker[:_MOST_NAMES])}{more}"
+            message = (
+                f'"{prim.GetName()}" is {_shown_file(first)} laid over {_shown_file(other)}, of which it keeps {names}'
+            )
+            hint = f"a reference replaces nothing: define another prim beside it, and name that one in {relationship}"
             yield problem(prim, "merged", message, hint=hint)
 
 
 def _origins(node: Pcp.NodeRef) -> list[Pcp.NodeRef]:
     """Nodes that define a part without building on another definition, strongest first."""
     origins = [origin for child in node.children for origin in _origins(child)]
-    return origins or [node] * any(spec.typeName for spec in _specs(node) if spec.specifier == Sdf.SpecifierDef)
+    return origins or [node] * any(spec.typeName for spec in _opinions(node) if spec.specifier == Sdf.SpecifierDef)
 
 
-def _specs(node: Pcp.NodeRef) -> list[Sdf.PrimSpec]:
+def _opinions(node: Pcp.NodeRef) -> list[Sdf.PrimSpec]:
+    """Opinions of files on a prim at a node of its composition, strongest first."""
     specs = [layer.GetPrimAtPath(node.path) for layer in node.layerStack.layers]
     return [spec for spec in specs if spec and not spec.layer.anonymous]
 
 
-def _names(node: Pcp.NodeRef) -> set[str]:
+def _names_in(node: Pcp.NodeRef) -> set[str]:
     """Properties of a part, and its children with theirs, relative to it."""
     names: set[str] = set()
-    for spec in _specs(node):
+    for spec in _opinions(node):
         names |= {prop.name for prop in spec.properties if prop.name.startswith("plen:")}
         for child in spec.nameChildren:
             names.add(child.name)
@@ -346,31 +283,9 @@ def _names(node: Pcp.NodeRef) -> set[str]:
     return names
 
 
-def _file(node: Pcp.NodeRef) -> str:
+def _shown_file(node: Pcp.NodeRef) -> str:
+    """The strongest file of a node, as messages show it."""
     return shown_path(node.layerStack.layers[0].realPath)
-
-
-def _check_used(stage: Usd.Stage, roots: list[Path]) -> list[Problem]:
-    """Problems of layers that lie outside all roots, each at the line that names it, or else line 1 of the root."""
-    layers = used_layers(stage)
-    outside = {file: layers[0].realPath for layer in layers if not is_inside(file := file_of(layer.realPath), roots)}
-    named: dict[str, tuple[str, int]] = {}
-    with Ar.ResolverContextBinder(stage.GetPathResolverContext()):
-        for layer in layers if outside else ():
-            for asset in layer.GetCompositionAssetDependencies():
-                file = Ar.GetResolver().Resolve(file_of(layer.ComputeAbsolutePath(asset))).GetPathString()
-                if file in outside and file_of(layer.realPath) not in outside:
-                    named.setdefault(file, (layer.realPath, text_map(layer.realPath).assets.get(asset, 1)))
-    return [
-        Problem(
-            code="asset-outside",
-            message=f"{shown_path(real_path(file))} lies outside the folders that a stage may read",
-            file=shown_path(user),
-            line=line,
-            hint=OUTSIDE_HINT,
-        )
-        for file, (user, line) in (named or {file: (root, 1) for file, root in outside.items()}).items()
-    ]
 
 
 def _check_assets(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) -> Iterator[Problem]:

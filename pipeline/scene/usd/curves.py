@@ -18,18 +18,18 @@ _MOST_LOOPS = 100
 """Most repetitions of a spline during one exposure [1]: a motion is kept by its pieces, and each has some."""
 _HALVINGS = 10
 """Most halvings of a curve: where its tangent is upright, no polynomial follows it."""
-_RIGHT = 1e-12
+_ACCURACY = 1e-12
 """Error of the polynomials of a motion over the largest value of a curve [1], doubled with each halving: steep curves
 are rounded more, and shorter pieces last for less time."""
-_LOOKS = 64
+_SAMPLES = 64
 """Values of a curve that are checked [1]: between them its extreme is missed by 1e-4 of its height."""
 
 
 def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set[float]:
     """Time codes between which attributes are smooth, complete from `first` to `last`."""
-    found = set[float]()
+    codes = set[float]()
     for attribute in attributes:
-        found.update(attribute.GetTimeSamples())
+        codes.update(attribute.GetTimeSamples())
         if not attribute.HasSpline():
             continue
         spline = attribute.GetSpline()
@@ -40,22 +40,26 @@ def bends(attributes: Iterable[Usd.Attribute], first: float, last: float) -> set
                 f'"{attribute.GetName()}" {loops}', attribute, "write the repetitions that are meant as knots", "spline"
             )
         baked = spline.GetKnotsWithLoopsBaked(Gf.Interval(first, last))
-        found.update(baked)
+        codes.update(baked)
         for start, end in _curved(baked):
-            found.update(_pieces(spline, max(first, start), min(last, end)) if first < end and start < last else ())
-    return found
+            codes.update(_pieces(spline, max(first, start), min(last, end)) if first < end and start < last else ())
+    return codes
 
 
-def _pieces(spline: Ts.Spline, start: float, end: float, most: int = _HALVINGS) -> list[float]:
-    """Starts of pieces of a curve on which the polynomial through the nodes of a motion follows it."""
+def _pieces(spline: Ts.Spline, start: float, end: float, halvings: int = _HALVINGS) -> list[float]:
+    """Starts of pieces of a curve on which the polynomial through the nodes of a motion follows it.
+
+    The curve is halved, at most `halvings` times, until the polynomial agrees with it in the middle between the nodes.
+    """
     edges = np.array([start, end])
+    # Every other time is a node of the polynomial; those between test it. The end is that of this piece, before a jump.
     times = node_times(edges, 2 * NODES - 1)[0]
     values = np.array([*map(spline.Eval, times[:-1].tolist()), spline.EvalPreValue(end)])
-    off = np.abs(node_shares(edges, NODES, times[1::2])[1] @ values[::2] - values[1::2]).max()
-    if not most or not off > _RIGHT * 2 ** (_HALVINGS - most) * np.abs(values).max():
+    error = np.abs(node_shares(edges, NODES, times[1::2])[1] @ values[::2] - values[1::2]).max()
+    if not halvings or not error > _ACCURACY * 2 ** (_HALVINGS - halvings) * np.abs(values).max():
         return [start]
     middle = (start + end) / 2
-    return [*_pieces(spline, start, middle, most - 1), *_pieces(spline, middle, end, most - 1)]
+    return [*_pieces(spline, start, middle, halvings - 1), *_pieces(spline, middle, end, halvings - 1)]
 
 
 def extent(attribute: Usd.Attribute) -> tuple[float, float] | None:
@@ -73,11 +77,12 @@ def written_times(attribute: Usd.Attribute) -> list[Usd.TimeCode]:
     spline = attribute.GetSpline()
     knots, extremes = spline.GetKnots(), list[float]()
     for start, end in _curved(knots):
-        many = np.linspace(start, end, _LOOKS)[:-1].tolist()
-        extremes += [min(many, key=spline.Eval), max(many, key=spline.Eval)]
+        samples = np.linspace(start, end, _SAMPLES)[:-1].tolist()
+        extremes += [min(samples, key=spline.Eval), max(samples, key=spline.Eval)]
     return [*map(Usd.TimeCode, [*attribute.GetTimeSamples(), *knots, *extremes]), *map(Usd.TimeCode.PreTime, knots)]
 
 
 def _curved(knots: Ts.KnotMap) -> list[tuple[float, float]]:
+    """Neighbouring knots with a curve between them, by their times."""
     pairs = itertools.pairwise(knots)
     return [pair for pair in pairs if knots[pair[0]].GetNextInterpolation() == Ts.InterpCurve]

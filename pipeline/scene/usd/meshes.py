@@ -12,7 +12,7 @@ import numpy as np
 from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.scene.usd.plug_in import scene_reader
-from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.readers import note_read, read_once
 from pipeline.scene.usd.values import numbers
 
 TOPOLOGY = (
@@ -95,7 +95,7 @@ class Polygons:
         return values[self.vertex]
 
 
-_PLACES = ("xformOp", "visibility", "purpose")
+_OF_NO_SHAPE = ("xformOp", "visibility", "purpose")
 """Beginnings of properties on which a shape does not depend: pose, visibility and purpose."""
 
 
@@ -103,9 +103,9 @@ _PLACES = ("xformOp", "visibility", "purpose")
 def likeness(prim: Usd.Prim) -> Hashable:
     """Type and opinions of a prim, but for its pose: prims with equal ones have equal shapes."""
     opinions = prim.GetPrimStack()
-    telling = [spec for spec in opinions if any(not name.startswith(_PLACES) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
-    said = ((spec.layer.identifier, spec.path) for spec in telling)
-    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *said, _clipped(prim)
+    shaping = [spec for spec in opinions if any(not name.startswith(_OF_NO_SHAPE) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
+    places = ((spec.layer.identifier, spec.path) for spec in shaping)
+    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *places, _clipped(prim)
 
 
 @read_once
@@ -121,12 +121,13 @@ def likeness_with_above(prim: Usd.Prim) -> Hashable:
 
 
 @read_once
-def look(mesh: Usd.Prim) -> Hashable:
+def appearance_key(mesh: Usd.Prim) -> Hashable:
     """Key of the look of a shape: likeness with that of ancestors and subsets, and the materials bound to them."""
     parts = [mesh, *(child for child in mesh.GetChildren() if child.IsA(UsdGeom.Subset))]
-    apis, purposes = map(UsdShade.MaterialBindingAPI, parts), (UsdShade.Tokens.full, UsdShade.Tokens.preview)
-    bound = (api.ComputeBoundMaterial(purpose)[0] for api, purpose in itertools.product(apis, purposes))
-    return likeness_with_above(mesh), *map(likeness, parts[1:]), *(each.GetPath() for each in bound)
+    apis = map(UsdShade.MaterialBindingAPI, parts)
+    purposes = UsdShade.Tokens.full, UsdShade.Tokens.preview
+    materials = (api.ComputeBoundMaterial(purpose)[0] for api, purpose in itertools.product(apis, purposes))
+    return likeness_with_above(mesh), *map(likeness, parts[1:]), *(material.GetPath() for material in materials)
 
 
 def alike(prims: Iterable[Usd.Prim], named: Callable[[Usd.Prim], Hashable] = likeness) -> list[list[Usd.Prim]]:
@@ -137,34 +138,35 @@ def alike(prims: Iterable[Usd.Prim], named: Callable[[Usd.Prim], Hashable] = lik
     return list(kinds.values())
 
 
-def of_prim(prim: Usd.Prim, time: float | None = None) -> Hashable:
+def shape_key(prim: Usd.Prim, time: float | None = None) -> Hashable:
     """Key of a shape for `read_once`, the same for instances; animated instances may be shifted in time."""
     return likeness(prim) if time is None else (prim, time)
 
 
 def is_drawn(prim: Usd.Prim) -> bool:
+    """Whether a prim is a shape: a mesh or a solid."""
     return prim.IsA(UsdGeom.Mesh) or str(prim.GetTypeName()) in SOLIDS
 
 
-@partial(read_once, named=lambda prim, *looks: (likeness_with_above(prim), *looks))
+@partial(read_once, named=lambda prim, *flags: (likeness_with_above(prim), *flags))
 def is_animated(prim: Usd.Prim, with_primvars: bool = False) -> bool:
     """Whether the shape of a prim is animated; with primvars also these, inherited or not."""
     names = set(SOLIDS.get(str(prim.GetTypeName()), ("points", *TOPOLOGY)))
-    looks = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if with_primvars else []
+    primvars = UsdGeom.PrimvarsAPI(prim).FindPrimvarsWithInheritance() if with_primvars else []
     names |= {"normals"} if with_primvars else set()
-    things = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName() in names]
-    return any(thing.ValueMightBeTimeVarying() for thing in [*things, *looks])
+    attributes = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName() in names]
+    return any(value.ValueMightBeTimeVarying() for value in [*attributes, *primvars])
 
 
-@partial(read_once, named=of_prim)
+@partial(read_once, named=shape_key)
 def drawn(prim: Usd.Prim, time: float | None = None) -> Drawn:
     """The triangles of a Mesh or a solid at a time, by default the earliest one."""
-    take(prim)
+    note_read(prim)
     if str(prim.GetTypeName()) in SOLIDS:
         return scene_reader().solid(prim, time)
     polygons = polygons_of(prim, time)
-    written = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(code_at(time))
-    scheme = written if written in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
+    authored = UsdGeom.Mesh(prim).GetSubdivisionSchemeAttr().Get(code_at(time))
+    scheme = authored if authored in ("none", "loop", "bilinear") else "catmullClark"  # also where it has a wrong type
     is_plain = scheme == UsdGeom.Tokens.none or not len(polygons.count)
     shape = plain_shape(polygons) if is_plain else scene_reader().subdivided(prim, time, polygons, scheme)
     return _oriented(prim, shape, time)
@@ -181,7 +183,7 @@ def _oriented(prim: Usd.Prim, shape: Drawn, time: float | None) -> Drawn:
 
 def fans(mesh: UsdGeom.Mesh) -> Drawn:
     """The triangles of a mesh as it is written, n - 2 of a face with n corners; ValueError if the faces contradict."""
-    take(mesh.GetPrim())
+    note_read(mesh.GetPrim())
     polygons = polygons_of(mesh.GetPrim(), None)
     if polygons.flaws:
         raise ValueError(polygons.flaws[0])
@@ -189,45 +191,51 @@ def fans(mesh: UsdGeom.Mesh) -> Drawn:
 
 
 def code_at(time: float | None) -> Usd.TimeCode:
+    """USD's time code of a time; of None the earliest one."""
     return Usd.TimeCode.EarliestTime() if time is None else Usd.TimeCode(time)
 
 
 def array_of(prim: Usd.Prim, name: str, time: float | None) -> np.ndarray:
+    """Numbers of an attribute at a time, (n,); none without a value."""
     value = prim.GetAttribute(name).Get(code_at(time))
     return numbers(value if value is not None else [])
 
 
 @read_once
 def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
+    """The usable faces of a mesh at a time, and the flaws of the others."""
     points = array_of(prim, "points", time).reshape(-1, 3) + 0.0
     counts, indices, holes = (array_of(prim, name, time).astype(int) for name in TOPOLOGY[:3])
     flaws = []
+    # Leave out faces whose corners are not written, and corners that no face counts.
     counts = np.maximum(counts, 0)
     if counts.sum() != len(indices):
         flaws.append(f"faceVertexCounts name {counts.sum():,} corners, and faceVertexIndices has {len(indices):,}")
         counts = counts[np.cumsum(counts) <= len(indices)]
     indices = indices[: counts.sum()]
+    # Leave out faces with a vertex that does not exist or is not finite.
     face = np.repeat(np.arange(len(counts)), counts)
     exists = (indices >= 0) & (indices < len(points))
     exists &= np.isfinite(points[np.where(exists, indices, 0)]).all(axis=1) if len(points) else False
     good = np.bincount(face[~exists], minlength=len(counts)) == 0
     if not good.all():
         flaws.append(f"{(~good).sum():,} of its faces name a vertex that is not among its {len(points):,} finite ones")
-    start = np.cumsum(counts) - counts
-    following = np.arange(1, len(indices) + 1)
-    following[(start + counts - 1)[counts > 0]] = start[counts > 0]
-    kept = good[face] & (indices != indices[following] if len(indices) else True)  # a corner twice is one corner
-    number = np.bincount(face[kept], minlength=len(counts))
-    if thin := ((number < CORNERS) & good).sum():
+    # A corner that is written twice is one corner: compare each with the next one of its face, the last with the first.
+    first = np.cumsum(counts) - counts
+    next_corner = np.arange(1, len(indices) + 1)
+    next_corner[(first + counts - 1)[counts > 0]] = first[counts > 0]
+    kept = good[face] & (indices != indices[next_corner] if len(indices) else True)
+    kept_counts = np.bincount(face[kept], minlength=len(counts))
+    if thin := ((kept_counts < CORNERS) & good).sum():
         flaws.append(f"{thin:,} of its faces have fewer than three corners")
-    is_polygon = number >= CORNERS
+    is_polygon = kept_counts >= CORNERS
     kept &= is_polygon[face]
     if not kept.any():
         flaws = [", ".join([*flaws, "it has no faces"]) + ": nothing is drawn"]
     return Polygons(
         points=points,
         vertex=indices[kept],
-        count=number[is_polygon],
+        count=kept_counts[is_polygon],
         face=np.flatnonzero(is_polygon),
         corner=np.flatnonzero(kept),
         is_hole=np.isin(np.flatnonzero(is_polygon), holes),
@@ -236,11 +244,15 @@ def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
 
 
 def fan_corners(count: np.ndarray, is_hole: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the triangles of faces that are no holes, (t, 3), and the face of each."""
-    start, each = np.cumsum(count) - count, np.where(is_hole, 0, count - 2)
-    face = np.repeat(np.arange(len(count)), each)
-    step = np.arange(len(face)) - np.repeat(np.cumsum(each) - each, each)
-    return np.stack([start[face], start[face] + step + 1, start[face] + step + 2], axis=1), face
+    """Corners of the triangles of faces that are no holes, (t, 3), and the face of each: a fan about its first corner.
+
+    `count`, (f,), are the corners of each face.
+    """
+    first = np.cumsum(count) - count
+    triangles = np.where(is_hole, 0, count - 2)
+    face = np.repeat(np.arange(len(count)), triangles)
+    step = np.arange(len(face)) - np.repeat(np.cumsum(triangles) - triangles, triangles)  # of a triangle in its fan
+    return np.stack([first[face], first[face] + step + 1, first[face] + step + 2], axis=1), face
 
 
 def plain_shape(polygons: Polygons) -> Drawn:

@@ -43,7 +43,8 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     # Absolute, or Sdf may hold one file under two identifiers.
     path = real_path(path)
     if not path.is_file():
-        file, is_there = shown_path(path), os.path.lexists(path)
+        file = shown_path(path)
+        is_there = os.path.lexists(path)
         code, message = ("file-kind", f"{file} is not a plain file") if is_there else ("file-missing", "no such file")
         hint = _hint_of_folder(path) if is_there else _hint_of_missing_stage(path)
         raise StageError([Problem(code=code, message=message, file=file, line=1 if is_there else None, hint=hint)])
@@ -72,12 +73,14 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
 
 
 def _from_opening(exception: Tf.ErrorException, path: Path) -> list[Problem]:
+    """Problems of a stage that USD cannot open, with lines if its errors have any."""
     texts = [_text(partial(getattr, error, "commentary")).strip() for error in exception.args]
     if problems := [_syntax_problem(match) for text in texts if (match := _SYNTAX.match(text))]:
         return problems
     # No position. One text only states the failure; any other states the reason.
     reasons = [text for text in texts if not text.startswith("Failed to open layer")] or texts
-    file, hint = shown_path(path), None
+    file = shown_path(path)
+    hint = None
     if path.suffix.lower() in _LENSES:
         hint = f"`pipeline import lens {path.name}` makes a stage of a lens file"
     elif path.suffix not in _STAGES:
@@ -133,7 +136,10 @@ def _encoding_problem(file: Path, used: str | None) -> Problem | None:
 
 
 def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
-    # A Pcp error has a type and a site; layer, asset and reason are only in its text.
+    """The problem of an error of composition; `files` are the paths of the stage's layers, by their identifiers.
+
+    Such an error has a type and a site; layer, asset and reason are only in its text.
+    """
     text = _ANONYMOUS_LAYER.sub("", _text(partial(str, error))).strip()
     introduced = re.search(r"(?:introduced by|of layer) @([^@]*)@(?:<([^>]*)>)?", text)
     # The text repeats asset paths, which may hold anything: only layers of the stage are considered.
@@ -141,14 +147,16 @@ def _from_composition(error: Pcp.ErrorBase, files: dict[str, str]) -> Problem:
     if introduced and introduced[1] in files:
         layer, path = files[introduced[1]], introduced[2] or path
     # An asset that can be opened may be mentioned more than once; then the prim is more helpful.
-    opens = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
-    line = (None if opens else _line_of_asset(layer, text)) or line_of(layer, path)
+    is_of_path = isinstance(error, Pcp.ErrorUnresolvedPrimPath)
+    line = (None if is_of_path else _line_of_asset(layer, text)) or line_of(layer, path)
+    # The reason may be a syntax error of the asset, which has a line of its own.
     _, _, reason = text.partition(" -- ")
-    if inner := _SYNTAX.match(reason.removesuffix("; skipping.").rstrip(".\n ")):
-        return _syntax_problem(inner, f"the file is used by {shown_path(layer)}:{line or 1}")
+    if syntax_error := _SYNTAX.match(reason.removesuffix("; skipping.").rstrip(".\n ")):
+        return _syntax_problem(syntax_error, f"the file is used by {shown_path(layer)}:{line or 1}")
     hint = _FORWARD_SLASHES if "\\" in text else None
     if hint is None and isinstance(error, Pcp.ErrorInvalidAssetPath) and (asset := re.search(r"@([^@]+)@", text)):
         hint = _hint_of_missing_asset(asset[1], layer)
+    # Word the message without identifiers of layers, and with short paths.
     if text.startswith("Cycle detected"):
         text = "reference cycle: " + " -> ".join(shown_path(x) for x in re.findall(r"@([^@]*)@<[^>]*>", text))
     message, is_introduced, _ = text.partition(" introduced by ")
@@ -211,6 +219,7 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
 
 
 def _below_instance(top: Sdf.Path, ignored: list[Sdf.PrimSpec]) -> Problem:
+    """The problem of opinions below an instance, at the first of them."""
     first = ignored[0]
     names = list(dict.fromkeys(spec.name for spec in ignored if spec.layer == first.layer))
     file = first.layer.realPath
@@ -265,13 +274,14 @@ def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
     folder, relative = Path(layer).parent, Path(asset)
     inside = not relative.is_absolute() and ".." not in relative.parts
     stages = _stages_by_name((folder / relative).parent if inside else folder, folder)
-    return None if asset in stages else _meant(asset, stages, "@{}@", folder)
+    return None if asset in stages else _similar(asset, stages, "@{}@", folder)
 
 
 def _hint_of_missing_stage(path: Path) -> str:
+    """A hint with a stage of a similar name and the searched folders."""
     shown = Path(shown_path(path))
     base = path.parent if shown.is_absolute() else Path.cwd()
-    return _meant(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
+    return _similar(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
 
 
 def _stages_by_name(folder: Path, base: Path) -> set[str]:
@@ -281,9 +291,9 @@ def _stages_by_name(folder: Path, base: Path) -> set[str]:
     return {path.relative_to(start).as_posix() for path, start in files if path.suffix in _STAGES}
 
 
-def _meant(name: str, names: set[str], quoted: str, folder: Path) -> str:
-    """The hint with the most similar names, or all of them and their folders."""
+def _similar(name: str, names: set[str], quoted: str, folder: Path) -> str:
+    """A hint with the most similar of these names, quoted in a format, and the searched folders."""
     near = nearest(name, names) or nearest(Path(name).name, {other.rpartition("/")[2] for other in names})
-    found = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
-    meant = f"did you mean {quoted.format(found)}? " if found else ""
-    return f"{meant}searched: {shown_path(folder)}, {shown_path(library_path())}"
+    similar = next((other for other in sorted(names) if other == near or other.endswith(f"/{near}")), None)
+    question = f"did you mean {quoted.format(similar)}? " if similar else ""
+    return f"{question}searched: {shown_path(folder)}, {shown_path(library_path())}"

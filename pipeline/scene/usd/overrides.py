@@ -23,6 +23,7 @@ _OURS = ("PlenLens", "PlenMicrolensArray", "PlenSensor", "PlenWindow", "PlenChan
 
 
 def layer_of(stage: Usd.Stage, overrides: Overrides) -> Sdf.Layer:
+    """A new layer that writes overrides as the attributes of the stage are declared."""
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.timeCodesPerSecond = stage.GetTimeCodesPerSecond()  # or USD scales the times of samples
     for path, samples in overrides.items():
@@ -40,38 +41,42 @@ def layer_of(stage: Usd.Stage, overrides: Overrides) -> Sdf.Layer:
 
 def overridden(stage: Usd.Stage, overrides: Overrides, only: Iterable[Sdf.Path] = ()) -> Usd.Stage:
     """The stage with overrides; `only`: paths of prims that it is limited to, with all below and above."""
-    session = layer_of(stage, overrides)
-    session.subLayerPaths.append(stage.GetSessionLayer().identifier)
+    overriding = layer_of(stage, overrides)
+    overriding.subLayerPaths.append(stage.GetSessionLayer().identifier)
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # what is missing was said of the stage itself
     try:
         mask = Usd.StagePopulationMask(list(only) or [Sdf.Path.absoluteRootPath])
-        other = Usd.Stage.OpenMasked(stage.GetRootLayer(), session, stage.GetPathResolverContext(), mask)
+        stage_with_overrides = Usd.Stage.OpenMasked(
+            stage.GetRootLayer(), overriding, stage.GetPathResolverContext(), mask
+        )
     finally:
         messages.TakeUncoalescedDiagnostics()
-    read_like(other, stage)
-    return other
+    read_like(stage_with_overrides, stage)
+    return stage_with_overrides
 
 
 def at_code(prim: Usd.Prim, code: float) -> Usd.Prim:
     """A camera, or a part of one, on a stage where animated attributes of these hold the value of a time code; any
     other prim unchanged. That stage has only these prims and their ancestors, and lives until the stage changes.
     """
-    held = _held(prim.GetStage(), code)
-    return (held and held.GetPrimAtPath(prim.GetPath())) or prim
+    stage = _stage_at_code(prim.GetStage(), code)
+    return (stage and stage.GetPrimAtPath(prim.GetPath())) or prim
 
 
 @read_once
-def _held(stage: Usd.Stage, code: float) -> Usd.Stage | None:
+def _stage_at_code(stage: Usd.Stage, code: float) -> Usd.Stage | None:
+    """Cameras and their parts on a stage of their own, with the values of a time code; None if none of them changes."""
     overrides = dict[Sdf.Path, Samples]()
     for attribute in changing(stage):
         rule, value = rule_of(attribute.GetPrim(), attribute.GetName()), value_at(attribute, code)
         if rule and type(value) is rule.kind:  # else checks refuse the stage
             overrides[attribute.GetPath()] = {Usd.TimeCode.Default(): value}
-    return overridden(stage, overrides, [prim.GetPath() for prim in _parts(stage)]) if overrides else None
+    return overridden(stage, overrides, [prim.GetPath() for prim in _camera_parts(stage)]) if overrides else None
 
 
 @read_once
-def _parts(stage: Usd.Stage) -> list[Usd.Prim]:
+def _camera_parts(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Cameras of a stage, and the prims of which they consist."""
     return [prim for prim in stage.Traverse() if prim.HasAPI("PlenCameraAPI") or any(map(prim.IsA, _OURS))]
 
 
@@ -80,7 +85,7 @@ def changing(stage: Usd.Stage) -> list[Usd.Attribute]:
     """Attributes of cameras and their parts that have several values in time."""
     return list(
         dict.fromkeys(
-            attribute for part in _parts(stage) for prim in Usd.PrimRange(part) for attribute in varying(prim)
+            attribute for part in _camera_parts(stage) for prim in Usd.PrimRange(part) for attribute in varying(prim)
         )
     )
 
@@ -95,8 +100,8 @@ def check_changing(stage: Usd.Stage, codes: Iterable[float]) -> Iterator[Problem
 
 def varying(prim: Usd.Prim) -> list[Usd.Attribute]:
     """Our attributes on a prim that have time samples, a spline or value clips."""
-    authored = prim.GetAuthoredAttributes()
-    return [each for each in authored if each.GetName().startswith("plen:") and each.ValueMightBeTimeVarying()]
+    ours = [attribute for attribute in prim.GetAuthoredAttributes() if attribute.GetName().startswith("plen:")]
+    return [attribute for attribute in ours if attribute.ValueMightBeTimeVarying()]
 
 
 def samples_of(attribute: Usd.Attribute) -> Samples:

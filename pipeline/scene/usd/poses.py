@@ -13,7 +13,7 @@ import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
 from pipeline.frames import VISION_FROM_CAMERA, mm_per_unit, rigid
-from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.readers import note_read, read_once
 from pipeline.scene.usd.values import plain, read
 
 Times = Sequence[float | Usd.TimeCode]
@@ -38,7 +38,7 @@ def ancestry(prim: Usd.Prim) -> tuple[Usd.Prim, ...]:
 def xform_ops(prim: Usd.Prim) -> list[UsdGeom.XformOp]:
     """Operations of a prim's own transform; the first one listed is applied last."""
     ops = list(UsdGeom.Xformable(prim).GetOrderedXformOps())
-    take(prim, "xformOpOrder", *(op.GetAttr().GetName() for op in ops))
+    note_read(prim, "xformOpOrder", *(op.GetAttr().GetName() for op in ops))
     return ops
 
 
@@ -57,7 +57,7 @@ def moving_op(prim: Usd.Prim) -> Usd.Attribute | None:
 
 def is_visible(prim: Usd.Prim, time: float) -> bool:
     """Whether USD shows a prim in a frame."""
-    comes_and_goes(prim)  # takes what it depends on
+    comes_and_goes(prim)  # notes what it depends on
     return bool(UsdGeom.Imageable(prim).ComputeVisibility(time) != UsdGeom.Tokens.invisible)
 
 
@@ -66,7 +66,7 @@ def comes_and_goes(prim: Usd.Prim) -> bool:
     """Whether a prim may be visible in some frames and invisible in others."""
     if prim.IsPseudoRoot():
         return False
-    take(prim, "visibility")
+    note_read(prim, "visibility")
     return comes_and_goes(prim.GetParent()) or prim.GetAttribute("visibility").ValueMightBeTimeVarying()
 
 
@@ -95,9 +95,9 @@ def _parent_from(link: Usd.Prim, times: tuple[float, ...], mm_per_unit: float) -
         return None
     parent_from_link = np.eye(4)
     for op in ops:
-        asked = times if op.MightBeTimeVarying() else times[:1]
-        moved = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in asked])
-        parent_from_link = product(parent_from_link, moved)
+        op_times = times if op.MightBeTimeVarying() else times[:1]
+        op_matrices = np.array([_op_matrix(op, Usd.TimeCode(time), mm_per_unit) for time in op_times])
+        parent_from_link = product(parent_from_link, op_matrices)
     return parent_from_link
 
 
@@ -130,6 +130,7 @@ def is_orient(op: UsdGeom.XformOp) -> bool:
 
 
 def _op_matrix(op: UsdGeom.XformOp, time: Usd.TimeCode, mm_per_unit: float) -> np.ndarray:
+    """Matrix of an operation on column vectors, (4, 4) [mm]."""
     if not is_orient(op):
         # USD's matrices act on row vectors. Only their translation has a unit.
         matrix = np.array(op.GetOpTransform(time), dtype=np.float64).T
@@ -160,7 +161,7 @@ def frame_numbers(root: Usd.Prim) -> Sequence[int]:
     if frames:
         return tuple(sorted(set(frames)))
     stage = root.GetStage()
-    take(stage.GetPseudoRoot())  # metadata of the layer
+    note_read(stage.GetPseudoRoot())  # metadata of the layer
     if not (stage.HasAuthoredMetadata("startTimeCode") and stage.HasAuthoredMetadata("endTimeCode")):
         return ()
     start, end = stage.GetStartTimeCode(), stage.GetEndTimeCode()

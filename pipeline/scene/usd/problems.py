@@ -94,9 +94,9 @@ def shown_path(path: str | Path) -> str:
         return path.as_posix()
 
 
-def shortened(text: str, most: int = 100) -> str:
+def shortened(text: str, longest: int = 100) -> str:
     """The beginning of a text of a stage, as messages quote it."""
-    return text if len(text) <= most else f"{text[:most]}…"
+    return text if len(text) <= longest else f"{text[:longest]}…"
 
 
 def problem(
@@ -129,9 +129,9 @@ def not_drawn(thing: Usd.Prim | Usd.Property, message: str, hint: str | None = N
 
 def over_limit(thing: Usd.Prim | Usd.Property, name: str, count: int, counted: str) -> list[Problem]:
     """A problem at a thing if its count, which `counted` says in words, is more than the limit of that name."""
-    most = getattr(limits(), name)
-    message = f"{counted} are more than the limit of {most:,} {name.replace('_', ' ')}"
-    return [problem(thing, "over-limit", message, hint=how_to_raise(name, count))] if count > most else []
+    limit = getattr(limits(), name)
+    message = f"{counted} are more than the limit of {limit:,} {name.replace('_', ' ')}"
+    return [problem(thing, "over-limit", message, hint=how_to_raise(name, count))] if count > limit else []
 
 
 def metadata_problem(
@@ -185,13 +185,16 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
     """
     broken = {problem.at for problem in problems if problem.code == "usd-invalid-asset-path" and problem.at}
 
-    def prim(problem: Problem) -> str:
+    def path_of_prim(problem: Problem) -> str:
         return (problem.at or "").partition(".")[0]
 
-    unusable = {prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code}
+    unusable = {
+        path_of_prim(problem) for problem in problems if problem.is_error and problem.code != UnreadableValue.code
+    }
 
     def follows(problem: Problem) -> bool:
-        if problem.code == UnreadableValue.code and prim(problem) in unusable:
+        """Whether another problem accounts for it."""
+        if problem.code == UnreadableValue.code and path_of_prim(problem) in unusable:
             return True
         named = [problem.at or "", *re.findall(r"<([^>]*)>", problem.message)]
         below = any(f"{path}/".replace(".", "/").startswith(f"{at}/") for path in named for at in broken)
@@ -204,14 +207,16 @@ def without_followers(problems: list[Problem]) -> list[Problem]:
 
 def _once_per_line(problems: Iterable[Problem]) -> Iterator[Problem]:
     """Problems; of many at one line of a file that differ by paths alone, as instances do, the first."""
-    alike = dict[object, list[Problem]]()
-    for each in problems:
-        words = re.sub(r"<[^>]*/([^/>]+)>", r"<\1>", each.message)
-        key = (each.code, each.severity, each.file, each.line, words) if each.file else each
-        alike.setdefault(key, []).append(each)
-    for first, *more in alike.values():
-        places = len({each.at for each in more} - {first.at})
-        yield replace(first, message=f"{first.message} (the same at {places} more prims)") if places else first
+    at_line = dict[object, list[Problem]]()
+    for problem in problems:
+        words = re.sub(r"<[^>]*/([^/>]+)>", r"<\1>", problem.message)
+        key = (problem.code, problem.severity, problem.file, problem.line, words) if problem.file else problem
+        at_line.setdefault(key, []).append(problem)
+    for first, *more in at_line.values():
+        other_prims = len({problem.at for problem in more} - {first.at})
+        yield (
+            replace(first, message=f"{first.message} (the same at {other_prims} more prims)") if other_prims else first
+        )
 
 
 def of_reader(thing: Usd.Prim | Usd.Property, error: PipelineError | ArithmeticError) -> Problem:

@@ -17,22 +17,23 @@ R = TypeVar("R")
 
 class Notes:
     """Memory of a stage: answers of its readers, each with the paths that it read; a set of paths for each reader at
-    work; and the folders from which pictures may be read.
+    work, the innermost last; and the folders from which pictures may be read.
     """
 
-    def __init__(self, stage: Usd.Stage, taken: list[set[str]], folders: Sequence[Path]) -> None:
+    def __init__(self, stage: Usd.Stage, paths_read: list[set[str]], folders: Sequence[Path]) -> None:
         self.answers = dict[tuple[Any, ...], tuple[Any, set[str]]]()
-        self.taken, self.folders = taken, folders
+        self.paths_read = paths_read
+        self.folders = folders
         forget = self.answers.clear
         self._listener = Tf.Notice.Register(Usd.Notice.ObjectsChanged, lambda *_: forget(), stage)
 
     def noting(self, reader: Callable[..., R], *arguments: Any) -> tuple[R, set[str]]:
         """The answer of a reader, and the paths that it read."""
-        self.taken.append(taken := set[str]())
+        self.paths_read.append(paths := set[str]())
         try:
-            return reader(*arguments), taken
+            return reader(*arguments), paths
         finally:
-            self.taken.pop()
+            self.paths_read.pop()
 
 
 _NOTES = WeakKeyDictionary[Usd.Stage, Notes]()
@@ -47,14 +48,14 @@ def notes_of(stage: Usd.Stage) -> Notes:
 
 def read_like(stage: Usd.Stage, base: Usd.Stage) -> None:
     """Let a stage be read for the same record as a base stage, and from the same folders."""
-    _NOTES[stage] = Notes(stage, notes_of(base).taken, notes_of(base).folders)
+    _NOTES[stage] = Notes(stage, notes_of(base).paths_read, notes_of(base).folders)
 
 
-def take(prim: Usd.Prim, *properties: str) -> None:
+def note_read(prim: Usd.Prim, *properties: str) -> None:
     """Note that the reader at work reads these properties of a prim, or all of it."""
-    if taken := notes_of(prim.GetStage()).taken:
+    if paths_read := notes_of(prim.GetStage()).paths_read:
         path = str(prim.GetPath())
-        taken[-1].update([f"{path}.{name}" for name in properties] or [path])
+        paths_read[-1].update([f"{path}.{name}" for name in properties] or [path])
 
 
 class Sources(dict[str, set[str]]):
@@ -66,8 +67,8 @@ class Sources(dict[str, set[str]]):
 
     def reading(self, part: str, reader: Callable[..., R], *arguments: Any) -> R:
         """The answer of a reader, which is a part of the record."""
-        answer, taken = self._notes.noting(reader, *arguments)
-        self.setdefault(part, set()).update(taken)
+        answer, paths = self._notes.noting(reader, *arguments)
+        self.setdefault(part, set()).update(paths)
         return answer
 
 
@@ -75,14 +76,16 @@ def read_once(reader: F, named: Callable[..., Hashable] | None = None) -> F:
     """Memoise a reader of a stage, or of an object on one. `named`: key of the answer, by default all arguments."""
 
     @functools.wraps(reader)
-    def asked(thing: Usd.Stage | Usd.Object, *arguments: Any) -> Any:
-        stage, about = (thing, None) if isinstance(thing, Usd.Stage) else (thing.GetStage(), thing)
+    def memoised(thing: Usd.Stage | Usd.Object, *arguments: Any) -> Any:
+        """The reader's answer. What it was read from counts as read by the reader at work, too."""
+        stage, owner = (thing, None) if isinstance(thing, Usd.Stage) else (thing.GetStage(), thing)
         notes = _NOTES.get(stage) or notes_of(stage)
-        key = reader, named(thing, *arguments) if named else (about, *arguments)  # does not hold the stage
-        if (answered := notes.answers.get(key)) is None:
-            answered = notes.answers[key] = notes.noting(reader, thing, *arguments)
-        if answered[1] and notes.taken:
-            notes.taken[-1].update(answered[1])
-        return answered[0]
+        key = reader, named(thing, *arguments) if named else (owner, *arguments)  # does not hold the stage
+        if (noted := notes.answers.get(key)) is None:
+            noted = notes.answers[key] = notes.noting(reader, thing, *arguments)
+        answer, paths = noted
+        if paths and notes.paths_read:
+            notes.paths_read[-1].update(paths)
+        return answer
 
-    return cast(F, asked)
+    return cast(F, memoised)

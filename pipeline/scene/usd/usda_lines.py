@@ -93,6 +93,7 @@ def text_map(file: str | Path) -> TextMap:
 
 @lru_cache(maxsize=64)
 def _scanned(path: str, _mtime_ns: int) -> TextMap:
+    """Map of a text, scanned once until the file changes."""
     content = _content(path)
     return _Scanner(content.decode("utf-8", errors="replace")).map if content.startswith(b"#usda") else TextMap()
 
@@ -136,7 +137,7 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self.map = TextMap()
         self.text = text
-        self.seen: set[str] = set()
+        self.statements: set[str] = set()  # to find those that are written twice
         self.stack: list[tuple[str, str] | None] = []
         self.words: list[tuple[str, int]] = []  # of the statement so far
         self.opening: tuple[str, str, int, int] | None = None  # a prim or variant before its "{"
@@ -150,6 +151,7 @@ class _Scanner:
             self._token(match.lastgroup or "", match.group(), line)
 
     def _token(self, kind: str, token: str, line: int) -> None:
+        """Go on by one token of the text; its kind is a group of `_TOKEN`."""
         if kind == "word":
             self.words.append((token, line))
             self.number = None  # `post: held` of a spline is no time
@@ -170,6 +172,7 @@ class _Scanner:
                 self.words = []
 
     def _string(self, name: str, line: int) -> None:
+        """A string names a prim or a set of variants after their words, and a variant inside a set."""
         depth = len(self.stack)
         if self.words and self.words[0][0] in _PRIM_WORDS:
             word, line = self.words[0]
@@ -179,6 +182,7 @@ class _Scanner:
             self.opening = ("variant", name, line, depth)
 
     def _punctuation(self, token: str, line: int) -> None:
+        """A bracket opens or closes an entry of the stack; `=` ends the name of a property, `:` a time of a sample."""
         if token == "{":
             self._open_brace()
         elif token in "([":
@@ -198,6 +202,7 @@ class _Scanner:
         self.words = []
 
     def _open_brace(self) -> None:
+        """A brace opens a prim, a set or a variant, or the samples of a property, or something without a path."""
         # The depth tells the body of a prim from a dictionary inside ( ... ).
         if self.opening and len(self.stack) == self.opening[3]:
             kind, name, line, _ = self.opening
@@ -211,6 +216,7 @@ class _Scanner:
             self.stack.append(None)
 
     def _property(self) -> None:
+        """Note the line of the property that the last word names, or of metadata of the layer."""
         path = self._path()
         if self.stack == [None] and self.words:
             self.map.metadata.setdefault(*self.words[-1])
@@ -220,7 +226,7 @@ class _Scanner:
         bare = f"{path}.{re.sub(_SUFFIX, '', name)}"
         self.map.lines.setdefault(bare, line)
         edit = next((word for word, _ in self.words if word in _LIST_EDITS), "")
-        self._note(bare, f"{edit} {name}".strip(), f'"{name}" is written twice', line)
+        self._note_once(bare, f"{edit} {name}".strip(), f'"{name}" is written twice', line)
         self.samples = bare if name.endswith((".timeSamples", ".spline")) else None
 
     def _value(self, line: int) -> None:
@@ -231,11 +237,12 @@ class _Scanner:
         prim, name = self._path(), re.sub(_SUFFIX, "", declared["name"])
         for literal, its_line in _cut_numbers(self.text, self.end, line, bool(declared["bool"])):
             wanted = "be true or false" if declared["bool"] else "hold whole numbers"
-            taken = "true" if declared["bool"] else str(int(float(literal)))
-            message, hint = f'"{name}" must {wanted}, not {literal}', f"USD would silently use {taken}"
+            rounded = "true" if declared["bool"] else str(int(float(literal)))
+            message, hint = f'"{name}" must {wanted}, not {literal}', f"USD would silently use {rounded}"
             self.map.flaws.append(Flaw("not-whole", f"{prim}.{name}" if prim else "", message, hint, its_line))
 
     def _sample(self) -> None:
+        """Note the line of a time sample; the number before the ":" is its time."""
         top = self.stack[-1] if self.stack else None
         if top and top[0] == "samples" and self.number:
             token, line = self.number
@@ -244,16 +251,18 @@ class _Scanner:
             except ValueError:
                 return  # USD reports it
             self.map.lines.setdefault(top[1] + key, line)
-            self._note(top[1], key, f"the time sample at {token} is written twice", line)
+            self._note_once(top[1], key, f"the time sample at {token} is written twice", line)
 
-    def _note(self, path: str, key: str, message: str, line: int) -> None:
+    def _note_once(self, path: str, key: str, message: str, line: int) -> None:
+        """Note a statement about a path; a flaw with this message if it was written before."""
         full = f"{path} {key}"
-        if full in self.seen:
+        if full in self.statements:
             hint = "USD silently keeps the last one; remove one"
             self.map.flaws.append(Flaw("written-twice", path, message, hint, line))
-        self.seen.add(full)
+        self.statements.add(full)
 
     def _path(self) -> str:
+        """Path of the prim or variant in whose body the text is; empty elsewhere."""
         path = set_name = ""
         for entry in self.stack:
             if entry is None:

@@ -11,7 +11,7 @@ from pxr import Gf, Sdf, Tf, Usd, Vt
 
 from pipeline.errors import PipelineError
 from pipeline.records.declared import attributes_of
-from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.readers import note_read, read_once
 
 _RANGE = re.compile(
     r"^\s*Range: ([\[(])([^,]+), ([^\])]+)([\])])( or inf)?(?:, not in \(-([^,]+), [^)]+\))?\s*$", re.MULTILINE
@@ -92,7 +92,7 @@ def range_of(documentation: str) -> Range | None:
     )
 
 
-_MANY = 100
+_ENTRIES_FOR_NUMPY = 100
 """Number of entries above which NumPy is faster: meshes have thousands."""
 
 
@@ -108,7 +108,9 @@ def plain(value: Any) -> Any:
         return (value.GetReal() + 0.0, *plain(value.GetImaginary()))
     if not hasattr(value, "__len__"):
         return value  # a time code, or of a type that nothing here reads
-    if len(value) > _MANY and isinstance(value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d):
+    if len(value) > _ENTRIES_FOR_NUMPY and isinstance(
+        value[0], int | float | Gf.Vec2f | Gf.Vec3f | Gf.Vec2d | Gf.Vec3d
+    ):
         array = np.asarray(value)
         if array.dtype.kind in "if":
             rows = (array if array.dtype.kind == "i" else array.astype(np.float64) + 0.0).tolist()
@@ -161,9 +163,10 @@ class Condition:
 
 
 def conditions_in(documentation: str) -> tuple[Condition, ...]:
-    stated = _CONDITION.findall(documentation)
+    """The conditions that a documentation states."""
     return tuple(
-        Condition(kind=kind, name=name, tokens=tuple(filter(None, tokens.split(", ")))) for kind, name, tokens in stated
+        Condition(kind=kind, name=name, tokens=tuple(filter(None, tokens.split(", "))))
+        for kind, name, tokens in _CONDITION.findall(documentation)
     )
 
 
@@ -227,6 +230,7 @@ def rule_of(prim: Usd.Prim, name: str) -> Rule | None:
 
 
 def _rule(definition: Usd.PrimDefinition, name: str) -> Rule | None:
+    """The rule of an attribute, from its schema and its documentation; None if it is no attribute."""
     attribute = definition.GetAttributeDefinition(name)
     if not attribute:
         return None
@@ -254,7 +258,7 @@ def read(prim: Usd.Prim, name: str) -> Any:
     attribute, rule = prim.GetAttribute(name), rule_of(prim, name)
     if not attribute or not rule:
         return None
-    take(prim, name)
+    note_read(prim, name)
     if not attribute.HasAuthoredValue():
         return rule.fallback
     value = value_at(attribute, 0.0)
@@ -286,9 +290,10 @@ def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
     values = {}
     for name, (attribute, may_lack) in _annotated(record).items():
         rule = rule_of(prim, attribute)
-        decided = [(each.kind, each.holds(prim)) for each in rule.conditions if each.tokens] if rule else []
-        if ("Only", False) not in decided:
-            is_free = may_lack and ("Needed", True) not in decided
+        by_token = [condition for condition in rule.conditions if condition.tokens] if rule else []
+        conditions = [(condition.kind, condition.holds(prim)) for condition in by_token]
+        if ("Only", False) not in conditions:
+            is_free = may_lack and ("Needed", True) not in conditions
             values[name] = read(prim, attribute) if is_free else need(prim, attribute)
     return values
 
@@ -310,14 +315,14 @@ def targets(prim: Usd.Prim, name: str, wanted: str) -> list[Usd.Prim]:
     """Prims of a type to which a relationship points, in its order."""
     stage = prim.GetStage()
     prims = [stage.GetPrimAtPath(path) for path in target_paths(prim.GetRelationship(name))]
-    return [pointed for pointed in prims if pointed and pointed.IsA(wanted)]
+    return [target for target in prims if target and target.IsA(wanted)]
 
 
 def target_paths(relationship: Usd.Relationship) -> list[Sdf.Path]:
     """Paths to which a relationship points; empty if an attribute was written in its place."""
     try:
         if relationship:
-            take(relationship.GetPrim(), relationship.GetName())
+            note_read(relationship.GetPrim(), relationship.GetName())
         return list(relationship.GetTargets()) if relationship else []
     except Tf.ErrorException:
         return []

@@ -63,11 +63,12 @@ def parts_text(parts: Iterable[Part], meters_per_unit: float, up_axis: str) -> s
     stage.SetDefaultPrim(root.GetPrim())
     unit_mm = mm_per_unit(meters_per_unit)
     for part in parts:
-        _write(stage, f"/{PARTS}/{part.name}", part, unit_mm)
+        _write_part(stage, f"/{PARTS}/{part.name}", part, unit_mm)
     return str(stage.GetRootLayer().ExportToString()).rstrip("\n") + "\n"
 
 
-def _write(stage: Usd.Stage, path: str, part: Part, unit_mm: float) -> None:
+def _write_part(stage: Usd.Stage, path: str, part: Part, unit_mm: float) -> None:
+    """Define a part at a path: a mesh, curves, or instances of a mesh."""
     if isinstance(part, PartMesh):
         _write_mesh(UsdGeom.Mesh.Define(stage, path), part, unit_mm)
     elif isinstance(part, PartRays):
@@ -82,6 +83,7 @@ def _write(stage: Usd.Stage, path: str, part: Part, unit_mm: float) -> None:
 
 
 def _write_mesh(shape: UsdGeom.Mesh, mesh: PartMesh, unit_mm: float) -> None:
+    """Write the attributes of a mesh without subdivision."""
     points = _points(mesh.points_mm, unit_mm)
     shape.CreatePointsAttr(points)
     shape.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
@@ -93,6 +95,7 @@ def _write_mesh(shape: UsdGeom.Mesh, mesh: PartMesh, unit_mm: float) -> None:
 
 
 def _write_rays(curves: UsdGeom.BasisCurves, rays: PartRays, unit_mm: float) -> None:
+    """Write the attributes of polylines."""
     curves.CreateTypeAttr(UsdGeom.Tokens.linear)
     curves.CreatePointsAttr(_points(np.concatenate(rays.paths_mm), unit_mm))
     curves.CreateCurveVertexCountsAttr(Vt.IntArray([len(path) for path in rays.paths_mm]))
@@ -103,6 +106,7 @@ def _write_rays(curves: UsdGeom.BasisCurves, rays: PartRays, unit_mm: float) -> 
 
 
 def _colour(shape: UsdGeom.Gprim, colour: Colour, opacity: float) -> None:
+    """Write the colour of a shape, and its opacity unless it is opaque."""
     shape.CreateDisplayColorAttr(Vt.Vec3fArray([Gf.Vec3f(*colour)]))
     if opacity < 1:
         shape.CreateDisplayOpacityAttr(Vt.FloatArray([opacity]))

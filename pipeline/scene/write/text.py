@@ -42,6 +42,7 @@ def lens_text(lens: PrintedLens) -> str:
 
 
 def _write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
+    """Write a lens and, below it, its surfaces."""
     names = ["Stop" if surface.is_stop else f"S{i}" for i, surface in enumerate(lens.surfaces, 1)]
     efl_mm = lens.nominal_efl_mm
     _author(
@@ -56,15 +57,16 @@ def _write_lens(prim: Sdf.PrimSpec, lens: PrintedLens) -> None:
 
 
 def _lens_documentation(lens: PrintedLens) -> str:
+    """Name, provenance and figures of a lens: those of its source, and ours."""
     figures_mm = first_order(prescription_of(lens))
     computed = (
         f"Computed at infinity with the indices below: EFL {figures_mm.efl_mm:.4f} mm, BFD {figures_mm.bfd_mm:.4f} mm,"
         f" f/{abs(figures_mm.f_number):.2f}."
     )
-    stated = (("EFL", lens.nominal_efl_mm), ("BFD", lens.nominal_bfd_mm))
-    nominal = ", ".join(f"{name} {value:.8g} mm" for name, value in stated if value is not None)
-    figures = f"Nominal: {nominal}." if nominal else "The source states neither EFL nor BFD."
-    return _filled([f"{lens.name}.", *lens.provenance, f"{figures} {computed}"])
+    of_source = (("EFL", lens.nominal_efl_mm), ("BFD", lens.nominal_bfd_mm))
+    nominal = ", ".join(f"{name} {value:.8g} mm" for name, value in of_source if value is not None)
+    nominal_figures = f"Nominal: {nominal}." if nominal else "The source states neither EFL nor BFD."
+    return _filled([f"{lens.name}.", *lens.provenance, f"{nominal_figures} {computed}"])
 
 
 def identifier(text: str) -> str:
@@ -99,6 +101,7 @@ def text_of(layer: Sdf.Layer) -> str:
 
 
 def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
+    """Write the numbers of a surface that differ from the fallbacks, and the shape of its aperture."""
     _author(
         prim,
         abbe=surface.abbe,
@@ -118,8 +121,8 @@ def _write_surface(prim: Sdf.PrimSpec, surface: PrintedSurface) -> None:
     )
     rotation_deg = surface.aperture_rotation_deg
     if surface.half_widths_mm is not None:
-        turned = rotation_deg or None
-        _author(prim, apertureShape="rectangular", halfWidths=surface.half_widths_mm, apertureRotation=turned)
+        half_widths_mm = surface.half_widths_mm
+        _author(prim, apertureShape="rectangular", halfWidths=half_widths_mm, apertureRotation=rotation_deg or None)
     elif surface.inner_semi_diameter_mm:
         _author(prim, apertureShape="annular", innerSemiDiameter=surface.inner_semi_diameter_mm)
     elif surface.blades:
@@ -156,16 +159,17 @@ def camera_text(camera: PrintedCamera) -> str:
 
 
 def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) -> None:
+    """Write the attributes and relationships of a camera, and the pinhole that viewers show."""
     schemas = Sdf.TokenListOp()
     schemas.prependedItems = ["PlenCameraAPI"]
     prim.SetInfo("apiSchemas", schemas)
     for name, (kind, value) in pinhole(viewfinder(camera), 1.0).items():
         if name in VIEW or (name in SHIFT and value):
             Sdf.AttributeSpec(prim, name, kind).default = value
-    for name, wanted in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
+    for name, part in (("lens", "Lens"), ("microlenses", "Microlenses"), ("sensor", "Sensor")):
         if name != "microlenses" or camera.microlenses:
             relationship = Sdf.RelationshipSpec(prim, f"plen:camera:{name}", custom=False)
-            relationship.targetPathList.explicitItems = [Sdf.Path(f"/Rig/{wanted}")]
+            relationship.targetPathList.explicitItems = [Sdf.Path(f"/Rig/{part}")]
     lengths_mm = {
         "camera:sensorDistance": camera.sensor_distance_mm,
         "camera:near": printed.near_mm,
@@ -176,6 +180,7 @@ def _write_camera(prim: Sdf.PrimSpec, printed: PrintedCamera, camera: Camera) ->
 
 
 def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
+    """Write a microlens array."""
     _author(
         prim,
         columns=_int(array.columns, "columns of microlenses"),
@@ -195,10 +200,12 @@ def _write_array(prim: Sdf.PrimSpec, array: MicrolensArray) -> None:
 
 
 def _offset(x_mm: float, y_mm: float) -> tuple[float, float] | None:
+    """An offset; None for the fallback, which is none."""
     return (x_mm, y_mm) if x_mm or y_mm else None
 
 
 def _int(count: int | None, things: str) -> int | None:
+    """A count; CameraError if it is more than USD's int holds."""
     if count is not None and abs(count) >= 2**31:
         raise CameraError(f"{count} {things} are more than a stage can hold")
     return count
@@ -288,6 +295,7 @@ def distortion_layer(stage: Path, out: Path, view: SeenCamera) -> str:
 
 
 def _apply(prim: Sdf.PrimSpec, schemas: Sequence[AppliedSchema], model: str) -> None:
+    """Apply schemas to a camera and write their attributes; `model` names the one that counts."""
     names = Sdf.TokenListOp()
     names.prependedItems = [schema.name for schema in schemas]
     prim.SetInfo("apiSchemas", names)

@@ -33,7 +33,7 @@ _LARGEST = 1e30
 """Largest value that is written: USD keeps these values in single precision."""
 
 Attributes = dict[str, tuple[Sdf.ValueTypeName, Any]]
-_PLACES = "st"
+_TEXTURE_COORDINATES = "st"
 """Name of the primvar that places points on a picture: the one that viewers look for."""
 VIEW = ("focalLength", "horizontalAperture", "verticalAperture")
 SHIFT = ("horizontalApertureOffset", "verticalApertureOffset")
@@ -77,10 +77,10 @@ def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: 
     paths = list[Sdf.Path]()
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
     types = _fallback_types(layer.GetPrimAtPath(path).typeName for path in paths if path.IsPrimPath())
-    if wanted := {**types, **(layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {})}:
-        layer.pseudoRoot.SetInfo("fallbackPrimTypes", wanted)
+    if fallback_types := {**types, **(layer.pseudoRoot.GetInfo("fallbackPrimTypes") or {})}:
+        layer.pseudoRoot.SetInfo("fallbackPrimTypes", fallback_types)
     unit_mm = mm_per_unit(layer.pseudoRoot.GetInfo("metersPerUnit"))
-    kept = {occluder.prim_path for occluder in dataset.occluders} if dataset else set[str]()
+    occluder_paths = {occluder.prim_path for occluder in dataset.occluders} if dataset else set[str]()
     for camera in cameras:
         prim = layer.GetPrimAtPath(camera.prim_path)
         states = [entry for entry in dataset.cameras if entry.prim_path == camera.prim_path] if dataset else []
@@ -94,7 +94,7 @@ def text_for_viewers(layer: Sdf.Layer, cameras: Iterable[CameraEntry], dataset: 
             purpose = Sdf.AttributeSpec(parts, "purpose", Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform)
             purpose.default = UsdGeom.Tokens.guide
     for target in dataset.targets if dataset else ():
-        if f"{target.prim_path}/{PREVIEW}" not in kept and isinstance(target.target, Target):
+        if f"{target.prim_path}/{PREVIEW}" not in occluder_paths and isinstance(target.target, Target):
             prim = layer.GetPrimAtPath(target.prim_path)
             _write_board(prim, preview_faces(target.target), unit_mm, f"./{target.picture_file}")
     return layer.ExportToString().rstrip("\n") + "\n"
@@ -135,6 +135,7 @@ def pinhole(view: Viewfinder | None, unit_mm: float) -> Attributes:
 
 
 def _write_camera(prim: Sdf.PrimSpec, camera: CameraEntry, unit_mm: float) -> None:
+    """Write the pinhole of a camera in place of what the prim says, and a clipping range if it has none."""
     view = _view_of(camera)
     attributes = pinhole(view, unit_mm)
     if view and "clippingRange" not in prim.attributes:
@@ -168,38 +169,40 @@ def _write_board(prim: Sdf.PrimSpec, faces: PreviewFaces, unit_mm: float, pictur
         if prim.nameChildren[PREVIEW].typeName != "Mesh":
             return
         del prim.nameChildren[PREVIEW]
-    alone = Usd.Stage.CreateInMemory()
-    mesh = _mesh(alone, faces, unit_mm)
-    _paint(alone, mesh, faces, picture)
+    preview_stage = Usd.Stage.CreateInMemory()
+    mesh = _define_mesh(preview_stage, faces, unit_mm)
+    _paint(preview_stage, mesh, faces, picture)
     Sdf.CreatePrimInLayer(prim.layer, prim.path.AppendChild(PREVIEW))
-    Sdf.CopySpec(alone.GetRootLayer(), mesh.GetPath(), prim.layer, prim.path.AppendChild(PREVIEW))
+    Sdf.CopySpec(preview_stage.GetRootLayer(), mesh.GetPath(), prim.layer, prim.path.AppendChild(PREVIEW))
 
 
-def _mesh(stage: Usd.Stage, faces: PreviewFaces, unit_mm: float) -> UsdGeom.Mesh:
-    mesh, points = UsdGeom.Mesh.Define(stage, f"/{PREVIEW}"), (faces.points_mm / unit_mm).astype(np.float32)
-    mesh.CreateExtentAttr(_vectors(np.stack([points.min(axis=0), points.max(axis=0)])))
+def _define_mesh(stage: Usd.Stage, faces: PreviewFaces, unit_mm: float) -> UsdGeom.Mesh:
+    """The faces of a preview as a mesh of a stage."""
+    mesh = UsdGeom.Mesh.Define(stage, f"/{PREVIEW}")
+    points = (faces.points_mm / unit_mm).astype(np.float32)
+    mesh.CreateExtentAttr(_vec3f(np.stack([points.min(axis=0), points.max(axis=0)])))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray([4] * len(faces.faces)))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray(faces.faces.ravel().tolist()))
-    mesh.CreatePointsAttr(_vectors(points))
+    mesh.CreatePointsAttr(_vec3f(points))
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     return mesh
 
 
 def _paint(stage: Usd.Stage, mesh: UsdGeom.Mesh, faces: PreviewFaces, picture: str) -> None:
     """Bind the mesh to a matt UsdPreviewSurface with its picture."""
-    kind, vertex = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
+    coordinates_type, vertex = Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
     st = Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(faces.sheet, np.float32))
-    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(_PLACES, kind, vertex).Set(st)
+    UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(_TEXTURE_COORDINATES, coordinates_type, vertex).Set(st)
     path = mesh.GetPath().AppendChild("Sheet")
-    board = UsdShade.Material.Define(stage, path)
+    material = UsdShade.Material.Define(stage, path)
     reader = UsdShade.Shader.Define(stage, path.AppendChild("Places"))
     reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_PLACES)
+    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set(_TEXTURE_COORDINATES)
     texture = UsdShade.Shader.Define(stage, path.AppendChild("Picture"))
     texture.CreateIdAttr("UsdUVTexture")
     texture.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(Sdf.AssetPath(picture))
-    places = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
-    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(places)
+    coordinates = reader.CreateOutput("result", Sdf.ValueTypeNames.Float2)
+    texture.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(coordinates)
     texture.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("raw")  # reflectances are linear
     for axis in "ST":
         texture.CreateInput(f"wrap{axis}", Sdf.ValueTypeNames.Token).Set("clamp")
@@ -208,9 +211,10 @@ def _paint(stage: Usd.Stage, mesh: UsdGeom.Mesh, faces: PreviewFaces, picture: s
     colour = texture.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
     surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f).ConnectToSource(colour)
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(1.0)
-    board.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
-    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(board)
+    material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
+    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(material)
 
 
-def _vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+def _vec3f(rows: np.ndarray) -> Vt.Vec3fArray:
+    """Rows of three numbers, (n, 3), as USD keeps them; adding 0.0 turns -0.0 to 0.0."""
     return Vt.Vec3fArray.FromNumpy(np.ascontiguousarray(rows + 0.0, np.float32))

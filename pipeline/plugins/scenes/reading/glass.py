@@ -9,7 +9,7 @@ from pxr import Usd, UsdShade
 from pipeline.optics.glass import row
 from pipeline.optics.glass.medium import Constant, GlassError, Medium
 from pipeline.plugins.scenes.lighting.records import Glass
-from pipeline.scene.channels import seen_nm
+from pipeline.scene.channels import readable_wavelengths_nm
 from pipeline.scene.usd.problems import Problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, targets
 
@@ -61,7 +61,7 @@ def _camera_nm(stage: Usd.Stage) -> Iterator[float]:
     root = stage.GetDefaultPrim()
     for camera in targets(root, "plen:cameras", "Camera") if root and root.IsA("PlenDataset") else ():
         with contextlib.suppress(UnreadableValue):  # reported where the camera is checked
-            yield from seen_nm(camera)
+            yield from readable_wavelengths_nm(camera)
 
 
 def _tabled(medium: Medium) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -14,7 +14,7 @@ from pipeline.records.shapes import Float64
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
 from pipeline.scene.usd.poses import frame_numbers, is_in_images, stage_mm_per_unit, world_from
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
-from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.readers import note_read, read_once
 from pipeline.scene.usd.values import NotSupported, UnreadableValue, need, plain, target_paths
 from pipeline.spelling import frames_in_words
 
@@ -90,7 +90,7 @@ def mesh_light(prim: Usd.Prim) -> Rgb:
 
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
-    take(prim)
+    note_read(prim)
     kind, unit_mm = KINDS[str(prim.GetTypeName())][0], stage_mm_per_unit(prim)
     size = _size(prim, times[0])
     picture = prim.GetAttribute("inputs:texture:file")

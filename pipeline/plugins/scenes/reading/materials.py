@@ -11,14 +11,14 @@ from pxr import Sdf, Usd, UsdGeom
 from pipeline.plugins.scenes.lighting.records import Finish, Numbers
 from pipeline.plugins.scenes.reading.lamps import is_lit
 from pipeline.plugins.scenes.reading.shaders import Wanted, primvar_of, remarks_on, shades, values_of
-from pipeline.scene.occluders import seen_meshes
-from pipeline.scene.usd.meshes import Drawn, alike, drawn, likeness_with_above, look
+from pipeline.scene.occluders import shapes_in_images
+from pipeline.scene.usd.meshes import Drawn, alike, appearance_key, drawn, likeness_with_above
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once
 from pipeline.scene.usd.values import UnreadableValue, plain, read, targets
 
 
-@partial(read_once, named=look)
+@partial(read_once, named=appearance_key)
 def _shaded_as(prim: Usd.Prim) -> Hashable:
     shaded, of_face = shades(prim)
     return likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
@@ -133,8 +133,8 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 message = f'"{name}" = {read(prim, name):g} of a target that lamps light is a reflectance, at most 1'
                 yield problem(prim.GetAttribute(name), "reflectance", message, hint="make the lamps brighter instead")
     remarks = dict[Problem, None]()  # meshes share materials
-    lit = (prim for prim in seen_meshes(root) if has_light and prim.GetPath() not in wrong)
-    waiting = alike(lit, look)
+    lit = (prim for prim in shapes_in_images(root) if has_light and prim.GetPath() not in wrong)
+    waiting = alike(lit, appearance_key)
     blamed = set[Any]()
     while waiting:
         first, *rest = waiting[0]

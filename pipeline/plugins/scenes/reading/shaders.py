@@ -16,9 +16,9 @@ from pipeline.plugins.scenes.lighting.records import Input, Material, Numbers, T
 from pipeline.plugins.scenes.reading.glass import read_glass
 from pipeline.plugins.scenes.reading.lamps import is_mesh_light, mesh_light
 from pipeline.plugins.scenes.reading.pictures import file_attribute, first_of, name_of, picture_of
-from pipeline.scene.usd.meshes import drawn, look
+from pipeline.scene.usd.meshes import appearance_key, drawn
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
-from pipeline.scene.usd.readers import read_once, take
+from pipeline.scene.usd.readers import note_read, read_once
 from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
 from pipeline.targets.mesh import is_closed
 
@@ -71,12 +71,12 @@ class Shaded(NamedTuple):
     is_own_opacity: bool = False  # light passes by the display opacity of a shape
 
 
-@partial(read_once, named=look)
+@partial(read_once, named=appearance_key)
 def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     """Materials of a shape, the first that of the whole shape, and the index of the material of faces in subsets."""
     shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
-        take(subset.GetPrim())
+        note_read(subset.GetPrim())
         faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
         of_face = dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded)) | of_face
         if faces.ValueMightBeTimeVarying():
@@ -207,7 +207,7 @@ def read_material(material: UsdShade.Material) -> Shaded:
 
 def _surface(material: UsdShade.Material) -> UsdShade.Shader:
     """The UsdPreviewSurface of a material."""
-    take(prim := material.GetPrim())
+    note_read(prim := material.GetPrim())
     shaders = [material.ComputeSurfaceSource(context)[0] for context in _SURFACES]
     shader = next((shader for shader in shaders if shader and shader.GetShaderId() == "UsdPreviewSurface"), shaders[0])
     if not shader:
@@ -386,7 +386,7 @@ def _supported(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
         message = f'the shader "{shader.GetShaderId() or shader.GetPrim().GetName()}" is not supported here'
         supported = "UsdPreviewSurface, UsdUVTexture, UsdTransform2d and UsdPrimvarReader"
         raise NotSupported(message, shader.GetPrim(), hint=f"connect a {wanted}; known are {supported}")
-    take(shader.GetPrim())
+    note_read(shader.GetPrim())
     return shader
 
 
