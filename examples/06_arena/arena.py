@@ -133,12 +133,13 @@ def plenoptic(asked: argparse.Namespace, names: list[str], out: Path) -> None:
     ready, missing = compete.prepared(names, snapshots, place / "programs")
     earlier = _read(place / "results.json")
     for flaw in flaws:
-        for rig in rigs:
+        for rig in map(small, rigs) if asked.small else rigs:
             name = f"{rig.name} {flaw}"
             print(name, flush=True)
-            camera, is_first = with_flaw(small(rig) if asked.small else rig, flaw), flaw == "designed"
+            is_first = flaw == "designed"
             folder, noisy = place / name.replace(" ", "_"), PLENOPTIC_NOISY if is_first else 0
-            case = compete.case(camera, folder, ready, noisy=noisy, has_images=is_first and not asked.quick)
+            has_images = is_first and not asked.quick
+            case = compete.case(with_flaw(rig, flaw), folder, ready, noisy=noisy, has_images=has_images)
             results = {"about": about(began), "rigs": {rig.name: rig.what}, "flaws": {flaw: FLAWS[flaw]}}
             earlier = merged(earlier, results | {"cases": {name: case}, "missing": missing}, 4)
             earlier["missing"] = {who: why for who, why in earlier["missing"].items() if who not in ready}

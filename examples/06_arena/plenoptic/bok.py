@@ -24,11 +24,11 @@ def build(snapshots: Path, programs: Path) -> None:
         replaced(step, "figure; imshow(", "% figure; imshow(")
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Let it find the centres of a white image."""
     work = programs / "runs/bok"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
     shutil.copy(task / "white.png", work)
-    found = octave(f"pkg load image; {_STEP};", "center_list", [programs / _SOURCE], work, known["pitch_px"])
+    found = octave(f"pkg load image; {_STEP};", "center_list", [programs / _SOURCE], work, facts["pitch_px"])
     return {"centres_px": np.array(found).T - 1}

@@ -71,8 +71,14 @@ def with_flaw(rig: Rig, flaw: str) -> Rig:
 
 def small(rig: Rig) -> Rig:
     """The rig with a sensor and an array half as wide and high, so that all is done in minutes."""
-    width, height = rig.array_mm
-    return replace(rig, size_px=(rig.size_px[0] // 2, rig.size_px[1] // 2), array_mm=(width / 2, height / 2))
+    (width_px, height_px), (width_mm, height_mm) = rig.size_px, rig.array_mm
+    return replace(
+        rig,
+        name=f"{rig.name} small",
+        what=f"{rig.what}; a quarter of its sensor",
+        size_px=(width_px // 2, height_px // 2),
+        array_mm=(width_mm / 2, height_mm / 2),
+    )
 
 
 def write_stage(rig: Rig, place: Path) -> None:

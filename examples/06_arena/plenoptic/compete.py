@@ -61,12 +61,12 @@ def case(rig: Rig, folder: Path, names: list[str], *, noisy: int, has_images: bo
         raise SystemExit(f"{stage}: {built.failed} tasks failed")
     truth = truth_of(rig, stage, built.out)
     result: dict[str, Any] = {"contestants": {}}
-    known: Answer = {"noisy": noisy}
+    facts: Answer = {"noisy": noisy}
     if rig.sensor_mm is not None:
         result["refocus"] = refocus.refocused(truth)
-        known |= refocus.asked(truth, result["refocus"])
+        facts |= refocus.asked(truth, result["refocus"])
     if reads_files:
-        known = _task(truth, built.out, folder / "task", known | {"has_images": has_images})
+        facts = _task(truth, built.out, folder / "task", facts | {"has_images": has_images})
     result["contestants"] |= floors_judged(truth, folder, noisy)
     for name in names:
         module, judge = CONTESTANTS[name]
@@ -76,7 +76,7 @@ def case(rig: Rig, folder: Path, names: list[str], *, noisy: int, has_images: bo
         began = time.time()
         try:
             answer = judge(
-                truth, module.run(folder.parent / "programs", folder / "task", known), folder / "task", known
+                truth, module.run(folder.parent / "programs", folder / "task", facts), folder / "task", facts
             )
         except Exception as error:  # whatever a foreign program raises is its answer
             answer = {"failed": str(error) if isinstance(error, Failed) else f"{type(error).__name__}: {error}"}
@@ -84,7 +84,7 @@ def case(rig: Rig, folder: Path, names: list[str], *, noisy: int, has_images: bo
     return result
 
 
-def _task(truth: Truth, built: Path, task: Path, known: Answer) -> Answer:
+def _task(truth: Truth, built: Path, task: Path, facts: Answer) -> Answer:
     """Images, exports and all else that programs read, in a folder; returns what task.json has."""
     print("  exports", flush=True)
     task.mkdir(exist_ok=True)
@@ -92,8 +92,8 @@ def _task(truth: Truth, built: Path, task: Path, known: Answer) -> Answer:
         np.save(task / "coded.npy", refocus.coded_image(truth))
     of_hexagons = ["bok", "raytrix"] if len(truth.rig.focal_mm) == 3 else ["bok"]  # whose formats know no squares
     formats = ["libpleno", *(of_hexagons if truth.rig.layout == "hexagonal" else [])]
-    noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(known["noisy"])]
-    return write_task(built, task, truth.rig.electrons, noises, known | {"formats": formats})
+    noises = [Noise(noise_px=NOISE_PX, seed=1 + number) for number in range(facts["noisy"])]
+    return write_task(built, task, truth.rig.electrons, noises, facts | {"formats": formats})
 
 
 def floors_judged(truth: Truth, folder: Path, noisy: int) -> dict[str, Answer]:
@@ -116,19 +116,19 @@ def floor_judged(truth: Truth, floor: baseline.Floor, noisy: int) -> Answer:
     return judged(truth, {"exact": exact}, repeats, floor.true)
 
 
-def centres_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def centres_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Centres against the three things that they may stand for."""
-    return {"centres": centre_errors(answer["centres_px"], true_centres(truth), 0.4 * known["pitch_px"])}
+    return {"centres": centre_errors(answer["centres_px"], true_centres(truth), 0.4 * facts["pitch_px"])}
 
 
-def plenopticam_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def plenopticam_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Its centres, and where the rays of its views meet against those of the views that they are to be."""
     rows = []
     for aside, view_px, spread_px in answer["views"]:
         found, true = (refocus.viewpoint_mm(truth.ready, truth.centre_px, view)[0] for view in (view_px, (aside, 0.0)))
         row = {"view_px": aside, "takes_px": view_px, "spread_px": spread_px, "off_mm": (found - true).tolist()}
         rows.append(row)
-    return centres_judged(truth, answer, task, known) | ({"views": rows} if rows else {})
+    return centres_judged(truth, answer, task, facts) | ({"views": rows} if rows else {})
 
 
 def true_centres(truth: Truth) -> dict[str, np.ndarray]:
@@ -153,9 +153,9 @@ def _calibration(truth: Truth, answer: Answer, model: Model, parameters: dict[st
     return Calibration(model, parameters, poses, np.array(answer["frames"], int) - 1, answer["rms_px"])
 
 
-def libpleno_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def libpleno_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """libpleno's calibrations from exact rows, with noise, and from features of its own."""
-    export = task / "exports/libpleno" / known["camera"]
+    export = task / "exports/libpleno" / facts["camera"]
     table = read_table(export / "centers.csv")
     index = np.stack([table["k"], table["l"]], axis=1).astype(int)
     rows = models.rows_at(truth.centre_px, np.stack([table["u"], table["v"]], axis=1))
@@ -197,7 +197,7 @@ def corners_judged(detected: np.ndarray, exact: np.ndarray, table: np.ndarray) -
     return result
 
 
-def nousias_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def nousias_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Nousias' calibrations from exact rows, and with noise."""
 
     def calibration(one: Answer) -> Calibration:
@@ -208,14 +208,14 @@ def nousias_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> A
     return judged(truth, {"exact": calibration(answer["exact"])}, [*map(calibration, answer["noise"])], floor.true)
 
 
-def disparity_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def disparity_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Disparities at the corners of one board."""
     rows = truth.boards.only(truth.boards.view == answer["frame"] - 1)
     found = answer["centre_px"], answer["disparity_px"]
-    return {"disparity": disparity_errors(rows, truth.centre_px, known["pitch_px"], *found)}
+    return {"disparity": disparity_errors(rows, truth.centre_px, facts["pitch_px"], *found)}
 
 
-def unjudged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def unjudged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Numbers that the tables show beside the truth."""
     return answer
 

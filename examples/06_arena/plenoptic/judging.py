@@ -72,17 +72,17 @@ def judged(truth: Truth, kinds: dict[str, Calibration], noisy: list[Calibration]
 def calibrated(truth: Truth, calibration: Calibration) -> Answer:
     """What a calibration is worth: the residual that it prints, and what is true of it."""
     field = error_field(truth, calibration.model)
-    part, known = field.rows, field.is_covered
-    inside = np.hypot(*(part.image_px - truth.centre_px[part.microlens]).T)
-    boards = np.isin(part.view, range(1, len(truth.distances_mm) - 1))
+    rows, is_covered = field.rows, field.is_covered
+    inside = np.hypot(*(rows.image_px - truth.centre_px[rows.microlens]).T)
+    boards = np.isin(rows.view, range(1, len(truth.distances_mm) - 1))
     radius = np.quantile(inside, 2 / 3)
     return {
         "own_rms_px": calibration.rms_px,
         "distances_mm": truth.distances_mm.tolist(),
-        "field_px": [field.rms_px(known & (part.view == number)) for number in range(len(truth.distances_mm))],
-        "outside_px": field.rms_px(boards & ~known),
-        "chief_px": field.rms_px(boards & known & (inside < radius)),
-        "marginal_px": field.rms_px(boards & known & (inside >= radius)),
+        "field_px": [field.rms_px(is_covered & (rows.view == number)) for number in range(len(truth.distances_mm))],
+        "outside_px": field.rms_px(boards & ~is_covered),
+        "chief_px": field.rms_px(boards & is_covered & (inside < radius)),
+        "marginal_px": field.rms_px(boards & is_covered & (inside >= radius)),
         "depth_mm": depth_errors_mm(truth, calibration.model, field)[:, 0].tolist(),
         "pose": pose_errors(truth, calibration.poses, calibration.views),
         "parameters": calibration.parameters,
@@ -91,8 +91,8 @@ def calibrated(truth: Truth, calibration: Calibration) -> Answer:
 
 def error_field(truth: Truth, model: Model) -> ErrorField:
     """Project the field by a model that is laid over the camera at the distances of the boards."""
-    rows, known = truth.field, covered(truth.field.image_px, truth.boards.image_px)
-    inner = known & np.isin(rows.view, range(1, len(truth.distances_mm) - 1))
+    rows, is_covered = truth.field, covered(truth.field.image_px, truth.boards.image_px)
+    inner = is_covered & np.isin(rows.view, range(1, len(truth.distances_mm) - 1))
 
     def errors(motion: np.ndarray, part: Rows) -> np.ndarray:
         moved = part.points_mm @ Rotation.from_rotvec(motion[:3]).as_matrix().T + motion[3:]
@@ -105,7 +105,7 @@ def error_field(truth: Truth, model: Model) -> ErrorField:
     ).x
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = Rotation.from_rotvec(best[:3]).as_matrix(), best[3:]
-    return ErrorField(rows, known, errors(best, rows), frame)
+    return ErrorField(rows, is_covered, errors(best, rows), frame)
 
 
 def depth_errors_mm(truth: Truth, model: Model, field: ErrorField) -> np.ndarray:
@@ -154,10 +154,10 @@ def centre_errors(
     """Errors of found centres (n, 2) against each kind of true centre (m, 2): share found, bias and rms [px]."""
     result = {}
     for name, true in truths_px.items():
-        known = np.isfinite(true).all(axis=1)
-        distance, row = cKDTree(centres_px).query(true[known], distance_upper_bound=reach_px)
+        is_lit = np.isfinite(true).all(axis=1)
+        distance, row = cKDTree(centres_px).query(true[is_lit], distance_upper_bound=reach_px)
         near = np.isfinite(distance)
-        error = centres_px[row[near]] - true[known][near]
+        error = centres_px[row[near]] - true[is_lit][near]
         bias = error.mean(axis=0) if len(error) else np.full(2, np.nan)
         result[name] = {
             "found": float(near.mean()),
@@ -173,8 +173,8 @@ def types_right(focals_mm: np.ndarray, true_mm: np.ndarray) -> float:
     true ones: who mixes two types, or calls the longer one the shorter, is wrong about both. NaN, of microlenses that
     the program does not know, does not count.
     """
-    known = np.isfinite(focals_mm)
-    theirs, true = (np.unique(values[known], return_inverse=True)[1] for values in (focals_mm, true_mm))
+    has_type = np.isfinite(focals_mm)
+    theirs, true = (np.unique(values[has_type], return_inverse=True)[1] for values in (focals_mm, true_mm))
     return float(np.mean(theirs == true))
 
 

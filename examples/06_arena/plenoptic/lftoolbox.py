@@ -20,7 +20,7 @@ def build(snapshots: Path, programs: Path) -> None:
         replaced(place / "SupportFunctions/LFBuildLensletGridModel.m", radius, f"round({radius})")
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Let it find the grid; the disc of its filter is a third of the pitch, as it has it for Lytro's cameras."""
     found = octave(
         "pkg load image; pitch = str2double(getenv('ARENA_INPUT'));"
@@ -31,6 +31,6 @@ def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
         "centres",
         [programs / "lftoolbox", programs / "lftoolbox/SupportFunctions"],
         task,
-        round(known["pitch_px"], 1),
+        round(facts["pitch_px"], 1),
     )
     return {"centres_px": np.reshape(found, (-1, 2)) - 1}

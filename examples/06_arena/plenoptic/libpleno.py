@@ -50,14 +50,14 @@ def build(snapshots: Path, programs: Path) -> None:
     called(["make", "-C", place / "build", "-j1"], timeout=None)  # on a busy machine it takes its time
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Calibrate from exported rows; from those of boards that did not start mirrored; and, if the task has images for
     it, from features that it detects in three tilted boards at the middle distance.
 
     Nearer ones have corners in so many micro-images that those of neighbours touch, and it takes them for one; of
     farther ones it misses corners.
     """
-    export = task / "exports/libpleno" / known["camera"]
+    export = task / "exports/libpleno" / facts["camera"]
     tools, work = programs / "libpleno/build", programs / "runs/libpleno"
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
@@ -73,11 +73,11 @@ def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
         _write_without(mirrored, rows, work / rows.name)
         answers["unmirrored"] = calibrated("unmirrored", work / rows.name)
     noisy = sorted(task.glob("noise_*"))
-    answers["noise"] = [calibrated(place.name, place / "libpleno" / known["camera"] / rows.name) for place in noisy]
-    if known["has_images"]:
-        frames = known["frames"]
+    answers["noise"] = [calibrated(place.name, place / "libpleno" / facts["camera"] / rows.name) for place in noisy]
+    if facts["has_images"]:
+        frames = facts["frames"]
         middle = {"frames": frames[len(frames) // 3 : 2 * len(frames) // 3][1:]}
-        _ask_images(task, known | middle, export, work)
+        _ask_images(task, facts | middle, export, work)
         try:
             _say(work / "detect", [tools / "detect", "-i", work / "images.js", *camera, *params])
             (observations,) = (work / "detect").glob("observations-*.bin.gz")
@@ -122,21 +122,21 @@ def _write_without(frames: list[int], rows: Path, place: Path) -> None:
     place.write_bytes(gzip.compress(data))
 
 
-def _ask_images(task: Path, known: dict[str, Any], export: Path, work: Path) -> None:
+def _ask_images(task: Path, facts: dict[str, Any], export: Path, work: Path) -> None:
     """Write images.js, and the clicks of a user who marks each board half a square outside of its outer corners."""
-    columns, rows, seen = known["columns"], known["rows"], read_table(export / "features.csv")
+    columns, rows, seen = facts["columns"], facts["rows"], read_table(export / "features.csv")
     outer, size = [0, columns - 1, columns * rows - 1, columns * (rows - 1)], [columns, rows]
     clicks = []
-    for frame in known["frames"]:
+    for frame in facts["frames"]:
         here = seen[seen["frame"] == int(frame)]
         marks = [here[here["cluster"] == node] for node in outer]
         at = np.array([[mark["k"].mean(), mark["l"].mean()] for mark in marks])
         clicks.append((at.mean(axis=0) + (at - at.mean(axis=0)) * np.divide(size, np.subtract(size, 1))).ravel())
     np.savetxt(work / "clicks.txt", clicks)
-    number = {"fnumber": known["f_number"]}
+    number = {"fnumber": facts["f_number"]}
     white = {"path": str(task / "white.png")} | number
-    whites = [{"path": str(task / f"white_{name}.png"), "fnumber": value} for name, value in known["white"].items()]
-    boards = [{"path": str(task / f"{name}.png"), "frame": int(name)} | number for name in known["frames"]]
+    whites = [{"path": str(task / f"white_{name}.png"), "fnumber": value} for name, value in facts["white"].items()]
+    boards = [{"path": str(task / f"{name}.png"), "frame": int(name)} | number for name in facts["frames"]]
     images = {"meta": {"debayered": True, "format": 8, "rgb": True}, "whites": [white, *whites], "mask": white}
     (work / "images.js").write_text(json.dumps(images | {"checkerboards": boards}), encoding="utf-8")
 

@@ -26,12 +26,12 @@ def build(snapshots: Path, programs: Path) -> None:
         replaced(source, "'MaxIter',10000", f"'MaxIter',{_ITERATIONS}")
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Calibrate from the exported corners of all frames in one go, and from those with noise."""
-    if "bok" not in known["formats"]:
+    if "bok" not in facts["formats"]:
         raise Failed("the files that it reads know hexagonal rows of microlenses alone")
     exact, *noisy = (
-        _calibrated(programs, place / "bok" / known["camera"])
+        _calibrated(programs, place / "bok" / facts["camera"])
         for place in (task / "exports", *sorted(task.glob("noise_*")))
     )
     return {"exact": exact, "noise": noisy}

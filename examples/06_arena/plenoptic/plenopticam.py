@@ -74,15 +74,15 @@ def build(snapshots: Path, programs: Path) -> None:
     installed(tuple(_PACKAGES.split()), programs, "--no-deps")
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Let it find centres, by its method `area`, the best of those tried; and cut the middle view and one beside it."""
     work = programs / "runs/plenopticam"
     work.mkdir(parents=True, exist_ok=True)
     shutil.copy(task / "white.png", work)  # it writes its list beside the image
     # The width is odd, as its windows are, and none reaches into the next micro-image.
-    width = 2 * int((known["pitch_px"] - 1) / 2) + 1
+    width = 2 * int((facts["pitch_px"] - 1) / 2) + 1
     python = installed(tuple(_PACKAGES.split()), programs, "--no-deps")
-    coded = [task / "coded.npy"] if "views" in known else []
+    coded = [task / "coded.npy"] if "views" in facts else []
     printed = called([python, "-W", "ignore", "-c", _PROGRAM, "white.png", "area", width, *coded], cwd=work)
     centres, views = json.loads(printed.partition("FOUND")[2])
     return {"centres_px": np.array(centres)[:, [1, 0]], "views": views}

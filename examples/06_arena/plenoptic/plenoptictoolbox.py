@@ -54,16 +54,16 @@ def build(snapshots: Path, programs: Path) -> None:
             module.rename(place / "python/disparity" / module.name)
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Disparities in the last tilted board at the middle distance, between a fifth and 0.55 of the pitch."""
-    export, work = task / f"exports/raytrix/{known['camera']}.xml", programs / "runs/plenoptictoolbox"
-    if "raytrix" not in known["formats"]:
+    export, work = task / f"exports/raytrix/{facts['camera']}.xml", programs / "runs/plenoptictoolbox"
+    if "raytrix" not in facts["formats"]:
         raise Failed("its calibration files know hexagonal rows of three types alone")
     work.mkdir(parents=True, exist_ok=True)
-    frame = known["frames"][2 * len(known["frames"]) // 3 - 1]
+    frame = facts["frames"][2 * len(facts["frames"]) // 3 - 1]
     shutil.copy(export, work / "image.xml")
     shutil.copy(task / f"{frame}.png", work / "image.png")
-    range_px = [round(part * known["pitch_px"], 2) for part in (0.2, 0.55)]
+    range_px = [round(part * facts["pitch_px"], 2) for part in (0.2, 0.55)]
     place = programs / "plenoptictoolbox/python"
     command = [installed(_PACKAGES, programs), "-c", _PROGRAM, work / "image.xml", *range_px, 36, work / "found.npz"]
     called(command, cwd=place / "samples", env={"PYTHONPATH": str(place)})  # it looks for ../disparity

@@ -37,13 +37,13 @@ def build(snapshots: Path, programs: Path) -> None:
     installed(_PACKAGES, programs)
 
 
-def run(programs: Path, task: Path, known: dict[str, Any]) -> dict[str, Any]:
+def run(programs: Path, task: Path, facts: dict[str, Any]) -> dict[str, Any]:
     """Vision z [mm] that pairs of shift and view make sharp, and places (x, z) of views [mm]."""
-    b = known["bench"]
+    b = facts["bench"]
     between_mm = b["front_z_mm"] + b["array_mm"] - b["to_rear_mm"]
     keys = {"pp": b["pixel_mm"], "fs": b["gap_mm"], "pm": b["pitch_mm"], "dA": b["to_pupil_mm"], "fU": b["focal_mm"]}
     in_focus_mm = 1 / (1 / b["focal_mm"] - 1 / b["to_rear_mm"]) + b["to_rear_mm"] + between_mm
-    asked = json.dumps([keys | {"HH": between_mm, "df": in_focus_mm}, known["refocused"], known["views"]])
+    asked = json.dumps([keys | {"HH": between_mm, "df": in_focus_mm}, facts["refocused"], facts["views"]])
     command = [installed(_PACKAGES, programs), "-W", "ignore", "-c", _PROGRAM, asked]
     distances, places = json.loads(called(command, timeout=_LONGEST_S))
     before_mm = b["array_mm"]

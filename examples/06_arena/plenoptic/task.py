@@ -49,7 +49,7 @@ def write_task(
     for frame in frames:
         _write(task / f"{frame}.png", _linear(build / f"frames/{frame}/{camera}/image.exr", "image") / peak, electrons)
     (scene,) = json.loads((task / f"exports/libpleno/{camera}/scene.js").read_text(encoding="utf-8"))["checkerboards"]
-    known = {
+    facts = {
         "camera": camera,
         "pitch_px": about["mla"]["micro_image_pitch_px"],
         "f_number": round(about["lens"]["f_number"], 3),
@@ -58,8 +58,8 @@ def write_task(
         "columns": scene["x_grid"],
         "rows": scene["y_grid"],
     } | more
-    (task / "task.json").write_text(json.dumps(known, indent=1), encoding="utf-8")
-    return known
+    (task / "task.json").write_text(json.dumps(facts, indent=1), encoding="utf-8")
+    return facts
 
 
 def _linear(path: Path, part: str) -> np.ndarray:

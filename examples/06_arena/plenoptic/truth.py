@@ -89,9 +89,9 @@ def read_table(path: Path) -> np.ndarray:
 
 def _centroids(built: Path, ready: ReadyCamera) -> np.ndarray:
     table = read_table(built / f"cameras/{ready.name}/micro_images.csv")
-    known = rows.numbers(ready, np.stack([table["microlens_k"], table["microlens_l"]], axis=1).astype(int))
+    row = rows.numbers(ready, np.stack([table["microlens_k"], table["microlens_l"]], axis=1).astype(int))
     places = np.full((len(ready.rig.axial), 2), np.nan)
-    places[known] = np.stack([table["centroid_x_px"], table["centroid_y_px"]], axis=1)
+    places[row] = np.stack([table["centroid_x_px"], table["centroid_y_px"]], axis=1)
     return places
 
 

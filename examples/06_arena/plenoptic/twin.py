@@ -93,16 +93,16 @@ def build(snapshots: Path | None, programs: Path) -> None:
     """Nothing: it is this project."""
 
 
-def run(programs: Path, task: Path, known: Answer) -> Answer:
+def run(programs: Path, task: Path, facts: Answer) -> Answer:
     """Nothing: fits need the truth's rows, as floors do."""
     return {}
 
 
-def twin_judged(truth: Truth, answer: Answer, task: Path, known: Answer) -> Answer:
+def twin_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answer:
     """Fits to exact rows and to noisy ones as floors get them, each from drawings of its own."""
     stage = task.parent / "dataset.usda"
     task.mkdir(exist_ok=True)
-    boards = [truth.boards, *truth.noisy(NOISE_PX, known["noisy"])]
+    boards = [truth.boards, *truth.noisy(NOISE_PX, facts["noisy"])]
     exact, *repeats = [_fitted(truth, stage, rows, task / f"{n}.usda") for n, rows in enumerate(boards)]
     true = true_numbers(stage)
     result = judged(truth, {"exact": _calibration(truth, exact)}, [_calibration(truth, twin) for twin in repeats], true)
