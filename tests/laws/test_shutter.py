@@ -131,7 +131,7 @@ def test_each_row_is_that_of_a_still_board_at_its_own_time(kind, request):
     rows = solve_points(rig, planes, slice(None), 1e-5, 0.05).solutions
     time = time_of_rows(rig, planes, rows).middle_s
     assert len(rows.point) >= len(planes.of_points) and np.ptp(time) > 0.002
-    for number in range(0, len(time), 1 + len(time) // 8):
+    for number in range(0, len(time), 1 + len(time) // 4):
         board = planes_of(FLAT, turning(time[number]))[[rows.point[number]]]
         alone = solve(rig, guesses(rig, board)[0], board, 1e-5, 0.05).solutions
         same = alone.cell == rows.cell[number]

@@ -237,7 +237,7 @@ def PlenDataset "Two"
     rel plen:targets = </Two/Board>
     uniform int plen:seed = 3
 {CAMERA.format(name="Thin", pitch=0.18, size=(200, 150))}
-{CAMERA.format(name="Fish", pitch=0.8, size=(26, 26))}
+{CAMERA.format(name="Fish", pitch=1.3, size=(16, 16))}
     def PlenLens "ThinLens"
     {{
         uniform token[] plen:surfaceOrder = ["Stop"]

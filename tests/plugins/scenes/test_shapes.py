@@ -71,7 +71,7 @@ def test_a_build_refines_a_mesh_once_and_its_channels_share_the_triangles(tmp_pa
     counts, indices, points = CUBE
     body = f"int[] faceVertexCounts = {counts}\nint[] faceVertexIndices = {indices}\npoint3f[] points = {points}\n"
     stage = scene(tmp_path, f'def Mesh "Body"\n{{\n{body}}}\n', lit=True)
-    few = "uniform int2 plen:resolution = (64, 48)\n"
+    few = "uniform int2 plen:resolution = (16, 12)\n"
     sensor = f'over "Sensor" (\nprepend references = @sensors/bayer_640x480_10um.usda@\n)\n{{\n{few}}}\n'
     lens = 'over "Lens"\n{\nuniform token plen:indexSource = "catalogue"\n}\n'
     rig = "@rigs/conventional_100mm.usda@\n)\n{\n"

@@ -47,6 +47,7 @@ def write(material: Material, folder: Path) -> None:
     """Write the scene of each camera, and the names of all."""
     (folder / "dataset_info.md").write_text("\n".join([*_info(material), ""]), encoding="utf-8")
     scene = material.scene()
+    matrices = [_matrix(camera) for camera in material.cameras]  # refused ones before their rays are traced
     for scene_number, camera in enumerate(material.cameras):
         scene_folder = folder / f"{scene_number:06d}"
         for name in ("depth", "mask", "mask_visib"):
@@ -66,7 +67,7 @@ def write(material: Material, folder: Path) -> None:
                             scene_folder / f"{name}/{frame:06d}_{number:06d}.png", (mask * _WHITE).astype(np.uint8)
                         )
                     infos.append(_counts(*masks))
-                records["scene_camera"][str(frame)] = {"cam_K": _matrix(camera).ravel(), "depth_scale": scale}
+                records["scene_camera"][str(frame)] = {"cam_K": matrices[scene_number].ravel(), "depth_scale": scale}
                 records["scene_gt"][str(frame)] = [_pose(number, view) for number, view in enumerate(views, 1)]
                 records["scene_gt_info"][str(frame)] = infos
         for name, record in records.items():
