@@ -10,7 +10,7 @@ from pipeline.records.shapes import Float64
 
 NODES = 13
 """Chebyshev nodes per piece of a motion [1]: half a turn within a piece is then right to 1e-10, see docs/motion.md."""
-_MORE_S = 2e-6
+_MARGIN_S = 2e-6
 """Margin at both ends of a motion [s], over which the velocity at an instant is measured."""
 Poses = list[list[list[float]]]
 """Transforms a_from_b, row by row, (n, 4, 4) [mm]."""
@@ -72,8 +72,9 @@ class Shutter:
 
     def motion_s(self, size_px: tuple[int, int]) -> tuple[float, float]:
         """Start and end of the time that a motion covers [s]: two lines more at both ends, where a solver may step."""
-        (first, end), more = self.window_s(size_px), 2 * self.line_s + _MORE_S
-        return first - more, end + more
+        first, end = self.window_s(size_px)
+        margin_s = 2 * self.line_s + _MARGIN_S
+        return first - margin_s, end + margin_s
 
     def ends_s(self, size_px: tuple[int, int]) -> np.ndarray:
         """Mid-exposure times of the first and of the last line, (2,) [s]."""
@@ -125,11 +126,12 @@ def node_shares(
     times = np.clip(times_s, edges_s[0], edges_s[-1])
     piece = np.clip(np.searchsorted(edges_s, times, side="right") - 1, 0, len(edges_s) - 2)
     first, end = edges_s[piece], edges_s[piece + 1]
-    # Barycentric interpolation: Berrut and Trefethen, SIAM Review 46 (2004) 501.
-    away = (2 * times - first - end)[:, None] / (end - first)[:, None] - _nodes(count)
-    is_node = away == 0
+    # Barycentric interpolation: Berrut and Trefethen, SIAM Review 46 (2004) 501. The share of a node is its weight over
+    # the distance to it, divided by the sum over all nodes; at a node itself it is 1.
+    from_nodes = (2 * times - first - end)[:, None] / (end - first)[:, None] - _nodes(count)
+    is_node = from_nodes == 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = _barycentric(count) / away
+        share = _barycentric(count) / from_nodes
         share /= share.sum(axis=1, keepdims=True)
     return piece, np.where(is_node.any(axis=1, keepdims=True), is_node.astype(float), share)
 
@@ -142,6 +144,7 @@ def _nodes(count: int) -> np.ndarray:
 
 @functools.cache
 def _barycentric(count: int) -> np.ndarray:
+    """Barycentric weights of Chebyshev nodes of the second kind: alternating signs, half at both ends."""
     weight = (-1.0) ** np.arange(count)
     weight[[0, -1]] /= 2
     return weight

@@ -58,7 +58,7 @@ class Path(NamedTuple):
     """State of Newton's method along a ray: path length t from the vertex plane, last step, r0^2 and 2 r0 . d."""
 
     t: float
-    moved: float
+    step: float
     squared: float
     twice_across: float
 
@@ -107,7 +107,7 @@ def shape_of(row):
 
 
 @inline
-def bent(mu, ray, normal):
+def refracted(mu, ray, normal):
     """The ray refracted at its current point.
 
     With M = m . m, Snell's law is D' = mu D + (sqrt(M - mu^2 (M - (m . D)^2)) - mu m . D) m / M.
@@ -162,7 +162,7 @@ def through_cylinder(shape, mu, ray):
     x = ray.x + (met.z - shape.vertex) / ray.dz * ray.dx
     alive = met.alive if x * x + met.y * met.y <= shape.limit else 0.0
     at_surface = Ray(0.0, met.y, met.z, ray.dx, ray.dy, ray.dz, alive)
-    behind = bent(mu, at_surface, Normal(share * normal.along, normal.slope, normal.upright))
+    behind = refracted(mu, at_surface, Normal(share * normal.along, normal.slope, normal.upright))
     return Ray(x, behind.y, behind.z, behind.dx, behind.dy, behind.dz, behind.alive)
 
 
@@ -186,7 +186,7 @@ def stepped(shape, path, dz, r2, s, ds):
     across = fma(-dz, dz, 1.0)
     f, n, q = _implicit(shape.curvature, shape.bulge, r2, path.t * dz, s, ds)
     step = f / fma(q, fma(2.0 * across, path.t, path.twice_across), -n * dz)
-    step = step if path.moved > STILL_MM else 0.0
+    step = step if path.step > STILL_MM else 0.0
     return Path(path.t + step, abs(step), path.squared, path.twice_across)
 
 
@@ -256,7 +256,7 @@ def cross_asphere(row, packet, count):
             scratch[0, i], scratch[1, i], scratch[2, i] = normal
     if mu != 1.0:
         for i in range(count):
-            put(packet, i, bent(mu, ray_of(packet, i), Normal(scratch[0, i], scratch[1, i], scratch[2, i])))
+            put(packet, i, refracted(mu, ray_of(packet, i), Normal(scratch[0, i], scratch[1, i], scratch[2, i])))
 
 
 @opaque
@@ -266,9 +266,9 @@ def _meet_asphere(row, packet, count):
     scratch = packet.scratch
     is_low = has_low_powers(row)
     # Start on the conic of the asphere.
-    paths, moved, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
+    paths, last_step, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
     for i in range(count):
-        paths[i], moved[i], squared[i], twice_across[i] = begun(shape, ray_of(packet, i))
+        paths[i], last_step[i], squared[i], twice_across[i] = begun(shape, ray_of(packet, i))
     # Iterate until no ray of the packet moves.
     steps = 0
     moving = 1
@@ -294,25 +294,25 @@ def _meet_asphere(row, packet, count):
 @inline
 def _newton(row, shape, dz, scratch, count):
     """One Newton step of all rays that still move; returns how many still do."""
-    t, moved, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
+    t, last_step, squared, twice_across = scratch[PATH], scratch[STEP], scratch[SQUARED], scratch[TWICE_ACROSS]
     v, p, dp = scratch[POWER], scratch[POLYNOMIAL], scratch[DERIVATIVE]
     moving = 0
     if has_low_powers(row):
         for i in range(count):
-            path = Path(t[i], moved[i], squared[i], twice_across[i])
+            path = Path(t[i], last_step[i], squared[i], twice_across[i])
             r2 = squared_height(path, dz[i])
             s, ds = low_powers(shape, r2)
             path = stepped(shape, path, dz[i], r2, s, ds)
-            t[i], moved[i] = path.t, path.moved
-            moving += 1 if path.moved > STILL_MM else 0
+            t[i], last_step[i] = path.t, path.step
+            moving += 1 if path.step > STILL_MM else 0
     else:
         _high_powers(row, dz, scratch, count)
         for i in range(count):
-            path = Path(t[i], moved[i], squared[i], twice_across[i])
+            path = Path(t[i], last_step[i], squared[i], twice_across[i])
             s, ds = all_powers(shape, v[i], p[i], dp[i])
             path = stepped(shape, path, dz[i], squared_height(path, dz[i]), s, ds)
-            t[i], moved[i] = path.t, path.moved
-            moving += 1 if path.moved > STILL_MM else 0
+            t[i], last_step[i] = path.t, path.step
+            moving += 1 if path.step > STILL_MM else 0
     return moving
 
 

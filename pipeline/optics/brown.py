@@ -89,8 +89,8 @@ def undistorted(b, x_image, y_image):
         determinant = xx * yy - xy * xy
         x, y = x - (yy * x_off - xy * y_off) / determinant, y - (xx * y_off - xy * x_off) / determinant
     x_off, y_off = distorted(b, x, y)
-    off = (x_off - x_image) ** 2 + (y_off - y_image) ** 2
-    return x, y, 1.0 if off <= SETTLED_SQUARED * (1.0 + x * x + y * y) and determinant > 0.0 else 0.0
+    miss_squared = (x_off - x_image) ** 2 + (y_off - y_image) ** 2
+    return x, y, 1.0 if miss_squared <= SETTLED_SQUARED * (1.0 + x * x + y * y) and determinant > 0.0 else 0.0
 
 
 @inline

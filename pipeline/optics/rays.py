@@ -159,8 +159,8 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
 def _ideal(row: np.ndarray, point: np.ndarray, direction: np.ndarray) -> Traced:
     """Deflect rays on the plane of an ideal thin lens."""
     slope = direction[:, :2] / direction[:, 2:] - row[column.COEFFICIENTS] * point[:, :2]
-    bent = np.column_stack([slope, np.ones(len(slope))])
-    return Traced(point, bent / np.sqrt(dot(bent, bent))[:, None], np.ones(len(point), bool))
+    deflected = np.column_stack([slope, np.ones(len(slope))])
+    return Traced(point, deflected / np.sqrt(dot(deflected, deflected))[:, None], np.ones(len(point), bool))
 
 
 def _is_inside(row: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -140,7 +140,7 @@ def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray
             # It is stated in the lens frame. The vision frame is that frame after half a turn about x, its own inverse.
             if sign < 0:
                 displacement = VISION_FROM_CAMERA @ displacement @ VISION_FROM_CAMERA
-            row = _moved(row, displacement)
+            row = _with_motion(row, displacement)
         rows.append(row)
         in_front = surface.index
     # Rays from a tilted sensor come to the rear surface, their first, in the film frame, and leave it in the vision
@@ -148,7 +148,7 @@ def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray
     if vision_from_film is not None:
         in_vision = motion_of(np.array(rows[-1]))
         in_film = inverse(vision_from_film) @ in_vision
-        rows[-1] = _moved(rows[-1], in_vision, in_film)
+        rows[-1] = _with_motion(rows[-1], in_vision, in_film)
     # Rows are as long as their coefficients, edges and motions need: fill them up with zeros.
     table = np.zeros((len(rows), max(map(len, rows))))
     for i, row in enumerate(rows):
@@ -156,7 +156,7 @@ def _table(prescription: Prescription, sign: float, vision_from_film: np.ndarray
     return table
 
 
-def _moved(row: list[float], *motions: np.ndarray) -> list[float]:
+def _with_motion(row: list[float], *motions: np.ndarray) -> list[float]:
     """The row with the motion by which rays leave its surface, and the one by which they enter, if that differs."""
     columns = [float(len(row) + 12 * i) for i in range(len(motions))]
     numbers = [value for matrix in motions for value in (matrix[:3] + 0.0).ravel().tolist()]
@@ -226,7 +226,8 @@ def _row(surface: Surface, vertex_mm: float, index_ratio: float, sign: float) ->
         form = RELIEF
         coefficients = spline.ravel().tolist()
         # Three columns have another meaning for a relief: RELIEF_COLUMNS, RELIEF_ROWS and RELIEF_SPACING.
-        conic, terms, odd = float(spline.shape[1]), float(spline.shape[0]), surface.relief.spacing_mm
+        conic, terms = float(spline.shape[1]), float(spline.shape[0])
+        odd = surface.relief.spacing_mm
     elif surface.focal_length_mm is not None:
         coefficients = [sign * value for value in _ideal(surface, sign)]  # without the sign that they get below
         distorting = TOWARDS_SENSOR if sign > 0 else TOWARDS_SCENE
@@ -268,9 +269,10 @@ def _polynomial(surface: Surface) -> tuple[list[float], bool]:
     even, odd = surface.even_coefficients, surface.odd_coefficients
     if not any(odd):
         return _trimmed(even), False
-    both = [0.0] * (2 * max(len(even), len(odd)))
-    both[: 2 * len(even) : 2], both[1 : 2 * len(odd) : 2] = even, odd
-    return _trimmed(both), True
+    coefficients = [0.0] * (2 * max(len(even), len(odd)))
+    coefficients[: 2 * len(even) : 2] = even
+    coefficients[1 : 2 * len(odd) : 2] = odd
+    return _trimmed(coefficients), True
 
 
 def _trimmed(coefficients: tuple[float, ...] | list[float]) -> list[float]:

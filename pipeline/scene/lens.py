@@ -261,10 +261,12 @@ def check_nominal(lens: Usd.Prim) -> Iterator[Problem]:
         efl_mm = math.inf  # A lens alone may be afocal, but then it goes by no focal length.
     if abs(efl_mm / nominal_mm - 1) <= _NOMINAL:
         return
-    off = f"the lens has {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
-    message = (
-        f"the nominal focal length is {nominal_mm:g} mm, but {'the lens has no power' if math.isinf(efl_mm) else off}"
+    computed = (
+        "the lens has no power"
+        if math.isinf(efl_mm)
+        else f"the lens has {efl_mm:.6g} mm, {100 * (efl_mm / nominal_mm - 1):+.3g} %"
     )
+    message = f"the nominal focal length is {nominal_mm:g} mm, but {computed}"
     hint = "is a radius, an index or a thickness mistyped, or the whole table scaled?"
     attribute = lens.GetAttribute("plen:nominalFocalLength")
     yield warning(attribute, "focal-length", message, hint=hint)

@@ -126,7 +126,8 @@ def _read(stage: Usd.Stage, look: bool, problems: list[Problem]) -> Loaded:
     except UnreadableValue as error:  # no check has reported it
         return _refused([*problems, of_reader(error.thing, error)])
     except PipelineError as error:  # nor this
-        file, code = shown_path(stage.GetRootLayer().realPath), error.code or "unreadable"
+        file = shown_path(stage.GetRootLayer().realPath)
+        code = error.code or "unreadable"
         return _refused([*problems, Problem(code=code, message=error.message, file=file, line=1, hint=error.hint)])
     if dataset:
         problems += check_effect(stage, set().union(*dataset.sources.values()))

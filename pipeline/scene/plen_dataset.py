@@ -148,9 +148,9 @@ def _read_frames(root: Usd.Prim, states: _States, boards: list[Usd.Prim], source
     )
 
 
-def _visible(moved: dict[Usd.Prim, list[Matrix]], index: int, number: int) -> dict[str, Matrix]:
+def _visible(poses_of: dict[Usd.Prim, list[Matrix]], index: int, number: int) -> dict[str, Matrix]:
     """Pose of each prim that is visible in a frame, by path."""
-    return {str(prim.GetPath()): poses[index] for prim, poses in moved.items() if is_visible(prim, float(number))}
+    return {str(prim.GetPath()): poses[index] for prim, poses in poses_of.items() if is_visible(prim, float(number))}
 
 
 def find_dataset(stage: Usd.Stage) -> Usd.Prim | None:

@@ -143,9 +143,9 @@ def _motion(
 
     `prims`: those whose transforms the pose depends on.
     """
-    if not (moved := [each for prim in prims for each in moved_ops(prim)]):
+    if not (moving := [each for prim in prims for each in moved_ops(prim)]):
         return None
-    edges, codes = _nodes(camera, shutter, moved, number)
+    edges, codes = _nodes(camera, shutter, moving, number)
     poses = poses_at([float(number), *(code for piece in codes for code in piece)]) + 0.0
     if np.abs(poses - poses[0]).max() < _STILL:
         return None
@@ -154,14 +154,14 @@ def _motion(
 
 
 def _nodes(
-    camera: Usd.Prim, shutter: Shutter, moved: Sequence[Usd.Attribute], number: int
+    camera: Usd.Prim, shutter: Shutter, moving: Sequence[Usd.Attribute], number: int
 ) -> tuple[np.ndarray, list[list[Any]]]:
     """Edges [s] of the pieces of a motion in a frame, and time codes of the poses of each."""
     codes_per_s = codes_per_second(camera)
     window_s = _window_s(camera, shutter)
     first, last = (number + time * codes_per_s for time in window_s)
     # Cut the window at the bends, whose time codes must not be rounded by a conversion to seconds and back.
-    code_of_bend = {(code - number) / codes_per_s: code for code in bends(moved, first, last)}
+    code_of_bend = {(code - number) / codes_per_s: code for code in bends(moving, first, last)}
     edges = pieces_s(window_s, code_of_bend)
     codes = (number + Motion.times_s(edges) * codes_per_s).tolist()
     for piece, start, end in zip(codes, edges[:-1].tolist(), edges[1:].tolist(), strict=True):
@@ -270,8 +270,8 @@ def _is_placed_at_frames(prim: Usd.Prim) -> bool:
     """Whether a prim is an animation of a skeleton, or a point instancer whose instances move."""
     if not (prim.IsA(UsdGeom.PointInstancer) or prim.IsA(UsdSkel.Animation)):
         return False
-    own = [given for given in prim.GetAuthoredAttributes() if not given.GetName().startswith("xform")]
-    return any(given.ValueMightBeTimeVarying() or given.GetName() in _VELOCITIES for given in own)
+    own = [attribute for attribute in prim.GetAuthoredAttributes() if not attribute.GetName().startswith("xform")]
+    return any(attribute.ValueMightBeTimeVarying() or attribute.GetName() in _VELOCITIES for attribute in own)
 
 
 def _check_covered(

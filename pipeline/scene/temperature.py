@@ -31,9 +31,9 @@ def check_unused_thermal(prim: Usd.Prim) -> Iterator[Problem]:
         links = ("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray")
         lens, *parts = (target(prim, f"plen:camera:{name}", kind) for name, kind in links)
     for part in filter(None, parts if lens and read(lens, "plen:temperature") is None else ()):
-        for given in (part.GetAttribute(name) for name in _NAMES if part.GetAttribute(name).HasAuthoredValue()):
-            message = f'"{given.GetName()}" has no effect without "plen:temperature" of <{lens.GetPath()}>'
-            yield warning(given, "unused-value", message, hint="write the temperature, or leave this out")
+        for attribute in (part.GetAttribute(name) for name in _NAMES if part.GetAttribute(name).HasAuthoredValue()):
+            message = f'"{attribute.GetName()}" has no effect without "plen:temperature" of <{lens.GetPath()}>'
+            yield warning(attribute, "unused-value", message, hint="write the temperature, or leave this out")
 
 
 def warmed(lens: Usd.Prim, surface: Usd.Prim, index: float, wavelength_nm: float) -> float:

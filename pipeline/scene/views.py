@@ -83,8 +83,8 @@ _REASONS = {
 
 def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator[Problem]:
     """Warnings about each camera, at the attribute most likely to blame; an error if no ray can be traced."""
-    alone = [prim for prim in stage.Traverse() if prim.IsA("PlenSensor")] if not cameras else []
-    for prim in alone:
+    sensors = [prim for prim in stage.Traverse() if prim.IsA("PlenSensor")] if not cameras else []
+    for prim in sensors:
         for doubt in pixel_doubts(read_sensor(prim)):
             pitch = prim.GetAttribute("plen:pixelPitch")
             yield warning(pitch, doubt.code, doubt.message, hint=doubt.hint)

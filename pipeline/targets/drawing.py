@@ -105,18 +105,19 @@ def painted(drawing, s, x, y):
 
 
 @inline
-def _bin(x, half, n):
-    return min(int((x + half) / (2.0 * half) * n), n - 1)
+def _bin(x, half, bins):
+    """Number of the bin of a coordinate, of those between -half and half."""
+    return min(int((x + half) / (2.0 * half) * bins), bins - 1)
 
 
 @inline
 def whiteness(drawing, x, y):
     """1 on white, 0 on black, NaN beside the sheet: the last shape that contains the point decides."""
-    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
+    half_x, half_y, bins, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (abs(x) <= half_x and abs(y) <= half_y):
         return math.nan
-    bin_ = _bin(y, half_y, n) * n + _bin(x, half_x, n) if n > 1 else 0
-    for item in range(starts[bin_], starts[bin_ + 1]):
+    number = _bin(y, half_y, bins) * bins + _bin(x, half_x, bins) if bins > 1 else 0
+    for item in range(starts[number], starts[number + 1]):
         colour = painted(drawing, drawing.items[item], x, y)
         if colour != NOT_PAINTED:
             return colour
@@ -144,23 +145,25 @@ def colour_of_box(drawing, left, right, bottom, top):
 
     A colour is always right; with many or round shapes, a box of one colour may be called mixed.
     """
-    half_x, half_y, n, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
+    half_x, half_y, bins, starts = drawing.half_x, drawing.half_y, drawing.bins, drawing.starts
     if not (left <= right and bottom <= top):  # NaN
         return MIXED
     if right < -half_x or left > half_x or top < -half_y or bottom > half_y:
         return BESIDE
     if left < -half_x or right > half_x or bottom < -half_y or top > half_y:
         return MIXED
-    i0, i1 = _bin(left, half_x, n), _bin(right, half_x, n)
-    j0, j1 = _bin(bottom, half_y, n), _bin(top, half_y, n)
+    # Look for an outline that passes through the box, among the shapes of the bins that it overlaps.
+    i0, i1 = _bin(left, half_x, bins), _bin(right, half_x, bins)
+    j0, j1 = _bin(bottom, half_y, bins), _bin(top, half_y, bins)
     if (i1 - i0 + 1) * (j1 - j0 + 1) > _MOST_BINS:
         return MIXED
     for j in range(j0, j1 + 1):
         for i in range(i0, i1 + 1):
-            bin_ = j * n + i
-            for item in range(starts[bin_], starts[bin_ + 1]):
+            number = j * bins + i
+            for item in range(starts[number], starts[number + 1]):
                 if _has_edge_in(drawing, drawing.items[item], left, right, bottom, top):
                     return MIXED
+    # Without an outline the colour of any point of the box is that of all.
     x, y = 0.5 * (left + right), 0.5 * (bottom + top)
     return whiteness(drawing, x, y)
 
@@ -181,6 +184,8 @@ def _has_edge_in(drawing, s, left, right, bottom, top):
                 return True
             j = i
         return False
+    # A circle passes through a box if the nearest point of the box lies inside it and the farthest outside: compare
+    # their squared distances from the centre with the outer and the inner radius.
     x, y = numbers[s, MIDDLE_X], numbers[s, MIDDLE_Y]
     near_x, near_y = max(left - x, x - right, 0.0), max(bottom - y, y - top, 0.0)
     far_x, far_y = max(right - x, x - left), max(top - y, y - bottom)
@@ -204,9 +209,11 @@ def _may_cross(ax, ay, bx, by, left, right, bottom, top):
     """Whether a segment may meet a box: neither the box's sides nor the line through the segment separate them."""
     if max(ax, bx) < left or min(ax, bx) > right or max(ay, by) < bottom or min(ay, by) > top:
         return False
-    ex, ey = bx - ax, by - ay
-    middle = ex * (0.5 * (bottom + top) - ay) - ey * (0.5 * (left + right) - ax)
-    return abs(middle) <= 0.5 * (abs(ex) * (top - bottom) + abs(ey) * (right - left)) * (1.0 + 1e-12)
+    # The distance of the box's middle from the line, times the length of the segment, against the same of its corner
+    # that reaches farthest; with a margin for rounding.
+    edge_x, edge_y = bx - ax, by - ay
+    middle = edge_x * (0.5 * (bottom + top) - ay) - edge_y * (0.5 * (left + right) - ax)
+    return abs(middle) <= 0.5 * (abs(edge_x) * (top - bottom) + abs(edge_y) * (right - left)) * (1.0 + 1e-12)
 
 
 Points = tuple[tuple[float, float], ...]
@@ -222,6 +229,8 @@ class Polygon:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disc:
+    """A disc by its centre and radius."""
+
     x: float
     y: float
     radius: float
@@ -260,7 +269,9 @@ class Checks:
     @property
     def squares(self) -> list[Points]:
         """Corners of the black squares, anticlockwise from the bottom left."""
-        left, top, a = -self.square * (self.columns + 1) / 2, self.square * (self.rows + 1) / 2, self.square
+        left = -self.square * (self.columns + 1) / 2
+        top = self.square * (self.rows + 1) / 2
+        a = self.square
         cells = [(c, r) for r in range(self.rows + 1) for c in range(self.columns + 1) if (c + r) % 2 == 0]
         return [rectangle(left + c * a, top - (r + 1) * a, left + (c + 1) * a, top - r * a) for c, r in cells]
 
@@ -329,10 +340,11 @@ def _bins(half_x: float, half_y: float, shapes: Sequence[Shape]) -> tuple[int, n
     lists: list[list[int]] = [[] for _ in range(count * count)]
 
     def touched(low: float, high: float, half: float) -> range:
-        # Slightly larger than the bounds, so that the rounding of a quotient does not matter.
+        """Bins along an axis that a range overlaps, or nearly: the rounding of a quotient does not matter then."""
         first = max(0, math.floor((low + half) / (2 * half) * count - 1e-6))
         return range(first, min(count - 1, math.floor((high + half) / (2 * half) * count + 1e-6)) + 1)
 
+    # The last shape is painted over the others, so it comes first.
     for item in reversed(range(len(shapes))):
         left, right, bottom, top = bounds(shapes[item])
         for j in touched(bottom, top, half_y):

@@ -31,10 +31,12 @@ def is_closed(points: Float64[np.ndarray, "n 3"], triangles: Int64[np.ndarray, "
 
     Coincident vertices, as at the seams of textures, count as one.
     """
-    off = points - points.mean(axis=0)
-    grain = max(_SAME * float(np.abs(off).max()), np.finfo(float).tiny)
-    _, same = np.unique(np.round(off / grain), axis=0, return_inverse=True)
-    corners = same.reshape(-1)[triangles]
+    # Number the vertices, coincident ones alike.
+    from_middle = points - points.mean(axis=0)
+    grain = max(_SAME * float(np.abs(from_middle).max()), np.finfo(float).tiny)
+    _, vertex = np.unique(np.round(from_middle / grain), axis=0, return_inverse=True)
+    corners = vertex.reshape(-1)[triangles]
+    # Number the edges without regard to direction, and add up the directions of the triangles along each.
     start, end = corners.ravel(), corners[:, [1, 2, 0]].ravel()
     _, edge = np.unique(np.minimum(start, end) * len(points) + np.maximum(start, end), return_inverse=True)
     return not np.bincount(edge.reshape(-1), weights=np.sign(end - start)).any()
@@ -71,14 +73,16 @@ class Occluder(ByContent):
         self, poses: Float64[np.ndarray, "n 4 4"], ends_mm: Float64[np.ndarray, "2 3"], distance_mm: float
     ) -> Bool[np.ndarray, "n"]:
         """Whether the mesh, in affine poses, may come within a distance of the segment between two points, (2, 3)."""
+        # Distance of the centre of the enclosing sphere from the nearest point of the segment.
         centre, radius = self._ball_mm
         start, end = ends_mm
-        off = poses[:, :3, :3] @ centre + poses[:, :3, 3] - start
+        from_start = poses[:, :3, :3] @ centre + poses[:, :3, 3] - start
         segment = end - start
-        share = np.clip(off @ segment / max(segment @ segment, np.finfo(float).tiny), 0.0, 1.0)
-        apart = np.linalg.norm(off - share[:, None] * segment, axis=1)
-        reach: np.ndarray = apart <= distance_mm + radius * np.linalg.norm(poses[:, :3, :3], axis=(1, 2))
-        return reach
+        share = np.clip(from_start @ segment / max(segment @ segment, np.finfo(float).tiny), 0.0, 1.0)
+        distance = np.linalg.norm(from_start - share[:, None] * segment, axis=1)
+        # The norm of an affine pose is at least its largest stretch of any length.
+        within: np.ndarray = distance <= distance_mm + radius * np.linalg.norm(poses[:, :3, :3], axis=(1, 2))
+        return within
 
     def is_closed(self) -> bool:
         """Whether its triangles bound a volume."""
@@ -121,18 +125,18 @@ class MeshTarget:
 
     def patches(self) -> list[Patch]:
         blank = Drawing(0.0, 0.0)
-        corners, albedo = self.corners_mm(), np.array(self.albedo, float)
-        return [Patch(MESH, np.eye(4), blank, (0.0, 1.0), triangles=corners, albedo=albedo)]
+        albedo = np.array(self.albedo, float)
+        return [Patch(MESH, np.eye(4), blank, (0.0, 1.0), triangles=self.corners_mm(), albedo=albedo)]
 
     def points(self) -> TargetPoints:
         """The marked points, each with a plane of its own."""
         position, normal = np.array(self.points_mm, float), np.array(self.normals, float)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
         # x is horizontal if possible: y of the target crossed with the normal.
-        level = np.cross([0.0, 1.0, 0.0], normal)
-        steep = np.linalg.norm(level, axis=1) < 1e-6
-        level[steep] = np.cross(normal[steep], [0.0, 0.0, 1.0])
-        x = level / np.linalg.norm(level, axis=1)[:, None]
+        horizontal = np.cross([0.0, 1.0, 0.0], normal)
+        is_upright = np.linalg.norm(horizontal, axis=1) < 1e-6  # a normal along y has no horizontal x of its own
+        horizontal[is_upright] = np.cross(normal[is_upright], [0.0, 0.0, 1.0])
+        x = horizontal / np.linalg.norm(horizontal, axis=1)[:, None]
         axes = np.stack([x, np.cross(normal, x), normal], axis=2)
         n = len(position)
         return TargetPoints(
@@ -158,19 +162,22 @@ class MeshTarget:
 
 def _distances(point: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Distances from a point to triangles, (m,): to the plane if the foot lies inside, else to the nearest edge."""
-    a = corners[:, 0]
-    e1, e2 = corners[:, 1] - a, corners[:, 2] - a
-    normal = np.cross(e1, e2)
-    area = np.maximum(np.sum(normal**2, axis=1), 1e-300)
-    q = point - a
-    b1 = np.sum(np.cross(q, e2) * normal, axis=1) / area
-    b2 = np.sum(np.cross(e1, q) * normal, axis=1) / area
-    flat = np.abs(np.sum(q * normal, axis=1)) / np.sqrt(area)
-    inside = (b1 >= 0) & (b2 >= 0) & (b1 + b2 <= 1)
-    edges = np.full(len(a), np.inf)
+    # Barycentric coordinates of the foot of the point on each plane say whether it lies inside of the triangle.
+    first = corners[:, 0]
+    to_second, to_third = corners[:, 1] - first, corners[:, 2] - first
+    normal = np.cross(to_second, to_third)
+    squared = np.maximum(np.sum(normal**2, axis=1), 1e-300)
+    from_first = point - first
+    second = np.sum(np.cross(from_first, to_third) * normal, axis=1) / squared
+    third = np.sum(np.cross(to_second, from_first) * normal, axis=1) / squared
+    is_inside = (second >= 0) & (third >= 0) & (second + third <= 1)
+    to_plane = np.abs(np.sum(from_first * normal, axis=1)) / np.sqrt(squared)
+    # The nearest point of an edge is the foot on its line, or an end.
+    to_edge = np.full(len(first), np.inf)
     for i in range(3):
-        start, edge = corners[:, i], corners[:, (i + 1) % 3] - corners[:, i]
-        length = np.maximum(np.sum(edge**2, axis=1), 1e-300)
-        t = np.clip(np.sum((point - start) * edge, axis=1) / length, 0, 1)
-        edges = np.minimum(edges, np.linalg.norm(point - start - t[:, None] * edge, axis=1))
-    return np.where(inside, flat, edges)
+        start = corners[:, i]
+        edge = corners[:, (i + 1) % 3] - start
+        length_squared = np.maximum(np.sum(edge**2, axis=1), 1e-300)
+        share = np.clip(np.sum((point - start) * edge, axis=1) / length_squared, 0, 1)
+        to_edge = np.minimum(to_edge, np.linalg.norm(point - start - share[:, None] * edge, axis=1))
+    return np.where(is_inside, to_plane, to_edge)

@@ -31,9 +31,10 @@ class PreviewFaces:
 
 
 def preview_faces(target: Target) -> PreviewFaces:
+    """Faces of all patches of a target, whose pictures lie side by side."""
     patches = target.patches()
     pieces = [_faces(patch) for patch in patches]
-    first = np.cumsum([0, *(len(piece.points_mm) for piece in pieces)])
+    first = np.cumsum([0, *(len(piece.points_mm) for piece in pieces)])  # point of each piece, in all of them
     placed = [apply(patch.target_from_patch, piece.points_mm) for patch, piece in zip(patches, pieces, strict=True)]
     sheets = [(piece.sheet + np.array([number, 0])) / (len(pieces), 1) for number, piece in enumerate(pieces)]
     return PreviewFaces(
@@ -92,6 +93,7 @@ def _is_black(drawing: Drawing, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _is_inside(shape: Polygon | Disc | Spokes, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Whether points of the chart lie inside of a shape; of spokes inside of a sector."""
     if isinstance(shape, Polygon):
         inside = np.zeros(u.shape, bool)
         corners = np.array(shape.corners)
@@ -116,16 +118,19 @@ def _placed(patch: Patch, xy: np.ndarray) -> np.ndarray:
     if across == 0:
         z = rest[0] * (1 - (x / half_x) ** 2) + rest[1] * (1 - (y / half_y) ** 2)
     else:
-        z = _between(np.array(rest).reshape(int(down), int(across)), 0.5 + 0.5 * x / half_x, 0.5 - 0.5 * y / half_y)
+        z = _interpolated(
+            np.array(rest).reshape(int(down), int(across)), 0.5 + 0.5 * x / half_x, 0.5 - 0.5 * y / half_y
+        )
     return np.column_stack([xy, z])
 
 
-def _between(heights: np.ndarray, along: np.ndarray, below: np.ndarray) -> np.ndarray:
+def _interpolated(heights: np.ndarray, along: np.ndarray, below: np.ndarray) -> np.ndarray:
     """Heights (rows from the top) at fractions of width and height, interpolated linearly between neighbours."""
     rows, columns = heights.shape
     i = np.clip(np.floor(along * (columns - 1)), 0, columns - 2).astype(int)
     j = np.clip(np.floor(below * (rows - 1)), 0, rows - 2).astype(int)
-    s, t = along * (columns - 1) - i, below * (rows - 1) - j
-    upper = (1 - s) * heights[j, i] + s * heights[j, i + 1]
-    lower = (1 - s) * heights[j + 1, i] + s * heights[j + 1, i + 1]
-    return np.asarray((1 - t) * upper + t * lower)
+    right_share = along * (columns - 1) - i
+    lower_share = below * (rows - 1) - j
+    upper = (1 - right_share) * heights[j, i] + right_share * heights[j, i + 1]
+    lower = (1 - right_share) * heights[j + 1, i] + right_share * heights[j + 1, i + 1]
+    return np.asarray((1 - lower_share) * upper + lower_share * lower)

@@ -51,28 +51,29 @@ def on_plane(pose, origin, direction):
     `pose` is vision_from_frame, the ray two triples in the vision frame; the path is negative behind its start.
     """
     z = column(pose, 2)
-    off = minus(origin, column(pose, 3))
+    from_frame = minus(origin, column(pose, 3))
     towards = dot(z, direction)
-    t = -dot(z, off) / towards
-    hit = along(off, t, direction)
+    t = -dot(z, from_frame) / towards
+    hit = along(from_frame, t, direction)
     return t, dot(column(pose, 0), hit), dot(column(pose, 1), hit), towards
 
 
 @inline
 def path_to(corners, origin, direction):
     """Path of a ray to the plane of a triangle, and the plane's normal, not of unit length."""
-    a = row(corners, 0)
-    normal = cross(minus(row(corners, 1), a), minus(row(corners, 2), a))
-    return dot(minus(a, origin), normal) / dot(direction, normal), normal
+    first = row(corners, 0)
+    normal = cross(minus(row(corners, 1), first), minus(row(corners, 2), first))
+    return dot(minus(first, origin), normal) / dot(direction, normal), normal
 
 
 @inline
 def shares(corners, normal, point):
     """Weights of the second and the third corner at a point of the plane of a triangle."""
-    a = row(corners, 0)
-    area = dot(normal, normal)
-    e1, e2, off = minus(row(corners, 1), a), minus(row(corners, 2), a), minus(point, a)
-    return dot(cross(off, e2), normal) / area, dot(cross(e1, off), normal) / area
+    first = row(corners, 0)
+    squared = dot(normal, normal)
+    to_second, to_third = minus(row(corners, 1), first), minus(row(corners, 2), first)
+    to_point = minus(point, first)
+    return dot(cross(to_point, to_third), normal) / squared, dot(cross(to_second, to_point), normal) / squared
 
 
 @inline
@@ -108,6 +109,7 @@ def _node(shape, i, j):
 
 @inline
 def _row_node(shape, i, j, nx, ny):
+    """A height in a column of the map, continued linearly beyond its first and its last row."""
     if j < 0:
         return 2.0 * shape[HEIGHTS + i] - shape[HEIGHTS + nx + i]
     if j >= ny:
@@ -119,7 +121,7 @@ def _row_node(shape, i, j, nx, ny):
 def height_into(shape, u, v, result):
     """Write the height z and its derivatives by u, v, uu, uv, vv at a point of the chart into `result` (6,)."""
     half_x, half_y = shape[HALF_X], shape[HALF_Y]
-    if shape[COLUMNS] == 0.0:
+    if shape[COLUMNS] == 0.0:  # a parabolic warp
         a = shape[HEIGHTS]
         b = shape[HEIGHTS + 1]
         x = u / half_x
@@ -128,11 +130,13 @@ def height_into(shape, u, v, result):
         result[1], result[2] = -2.0 * a * x / half_x, -2.0 * b * y / half_y
         result[3], result[4], result[5] = -2.0 * a / (half_x * half_x), 0.0, -2.0 * b / (half_y * half_y)
         return
+    # Find the cell of the point, by heights per mm from the top left, and the weights of its 4 x 4 neighbours.
     per_x, per_y = 0.5 * (shape[COLUMNS] - 1.0) / half_x, -0.5 * (shape[ROWS] - 1.0) / half_y
     along, down = (u + half_x) * per_x, (v - half_y) * per_y
     i = min(max(math.floor(along), 0.0), shape[COLUMNS] - 2.0)
     j = min(max(math.floor(down), 0.0), shape[ROWS] - 2.0)
     wx, wy = _weights(along - i), _weights(down - j)
+    # Sum up the products of weights; each derivative by u or v brings a factor of heights per mm.
     for k in range(6):
         result[k] = 0.0
     for b in range(4):
@@ -154,6 +158,7 @@ def height_hit(shape, o, d, t):
     for _ in range(_STEPS):
         u, v = o[0] + t * d[0], o[1] + t * d[1]
         height_into(shape, u, v, height)
+        # With the normal (nx, ny, 1) the residual o_z + t d_z - h changes along the path by d . n.
         nx, ny = -height[1], -height[2]
         step = (o[2] + t * d[2] - height[0]) / (d[2] + nx * d[0] + ny * d[1])
         t -= step
@@ -168,13 +173,17 @@ def cylinder_hit(radius, o, d, start):
 
     u is the length of the arc from the line x = 0, z = 0; a negative radius is a hollow seen from inside.
     """
+    # Across the axis, from which the ray starts at (cx, cz), its path t solves a t^2 + 2 b t + c = 0 with c = cx^2 +
+    # cz^2 - radius^2.
     cx, cz = o[0], o[2] + radius
-    a, b = d[0] * d[0] + d[2] * d[2], cx * d[0] + cz * d[2]
+    a = d[0] * d[0] + d[2] * d[2]
+    b = cx * d[0] + cz * d[2]
     root = math.sqrt(b * b - a * (cx * cx + cz * cz - radius * radius))
     # The two roots of a quadratic without loss of digits by cancellation.
     q = -(b + math.copysign(root, b))
     first, second = q / a, (cx * cx + cz * cz - radius * radius) / q
     t = first if abs(first - start) < abs(second - start) else second
+    # The normal is the unit vector from the axis, and its angle times the radius is the arc.
     x, z = (cx + t * d[0]) / radius, (cz + t * d[2]) / radius
     return radius * math.atan2(x, z), o[1] + t * d[1], x, 0.0, z
 

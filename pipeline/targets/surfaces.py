@@ -66,14 +66,17 @@ class Patch:
         return self._curvature() * (x**2 if self.kind == CYLINDER else x**2 + y**2) / 8
 
     def _cells(self) -> tuple[int, int]:
+        """Cells of the mesh along x and along y, fine enough for `SAG_MM` if these are few enough."""
         if self.kind == PLANE:
             return 1, 1
         # The sag of a chord of length s is curvature * s^2 / 8; the longest chord is the diagonal of a cell.
         step = math.sqrt(8 * SAG_MM / max(self._curvature(), 1e-12))
         if self.kind == CYLINDER:
-            return _count(self.drawing.half_x_mm, step, 10 * _MOST_CELLS), 1
+            return _cell_count(self.drawing.half_x_mm, step, 10 * _MOST_CELLS), 1
         step /= math.sqrt(2)
-        return _count(self.drawing.half_x_mm, step, _MOST_CELLS), _count(self.drawing.half_y_mm, step, _MOST_CELLS)
+        return _cell_count(self.drawing.half_x_mm, step, _MOST_CELLS), _cell_count(
+            self.drawing.half_y_mm, step, _MOST_CELLS
+        )
 
     def _curvature(self) -> float:
         """Upper bound of the curvature over the patch, from samples [1/mm]."""
@@ -81,8 +84,8 @@ class Patch:
             return 1 / abs(float(self.shape[0]))
         x, y = self.drawing.half_x_mm, self.drawing.half_y_mm
         u, v = np.meshgrid(np.linspace(-x, x, 101), np.linspace(-y, y, 101))
-        _, _, bent = self.surface_at(np.stack([u.ravel(), v.ravel()], axis=1))
-        return float(np.max(bent))
+        _, _, curvature = self.surface_at(np.stack([u.ravel(), v.ravel()], axis=1))
+        return float(np.max(curvature))
 
     def surface_at(self, xy_mm: Float64[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Place points of the chart on the surface, patch frame.
@@ -95,13 +98,16 @@ class Patch:
             return np.pad(xy_mm, ((0, 0), (0, 1))), np.tile(np.eye(3), (n, 1, 1)), np.zeros(n)
         if self.kind == CYLINDER:
             radius = float(self.shape[0])
-            s, c = np.sin(xy_mm[:, 0] / radius), np.cos(xy_mm[:, 0] / radius)
+            angle = xy_mm[:, 0] / radius
+            sine, cosine = np.sin(angle), np.cos(angle)
             zero, ones = np.zeros(n), np.ones(n)
-            axes = np.stack([np.stack(t, axis=1) for t in ((c, zero, -s), (zero, ones, zero), (s, zero, c))], axis=2)
-            return np.stack([radius * s, xy_mm[:, 1], radius * (c - 1)], axis=1), axes, ones / abs(radius)
+            columns = (cosine, zero, -sine), (zero, ones, zero), (sine, zero, cosine)
+            axes = np.stack([np.stack(column, axis=1) for column in columns], axis=2)
+            positions = np.stack([radius * sine, xy_mm[:, 1], radius * (cosine - 1)], axis=1)
+            return positions, axes, ones / abs(radius)
         height = np.empty((n, 6))
         heights_at_points(self.shape, *np.ascontiguousarray(xy_mm.T), height)
-        return np.column_stack([xy_mm, height[:, 0]]), *_bent(height)
+        return np.column_stack([xy_mm, height[:, 0]]), *_axes_and_curvature(height)
 
     def along(self, direction_rad: Float64[np.ndarray, "n 2"], axes: Float64[np.ndarray, "n 3 3"]) -> np.ndarray:
         """Unit vectors on the surface, (n, k, 3), for directions (n, k) of the chart at points with `axes` from
@@ -118,12 +124,14 @@ class Patch:
         return raised / np.linalg.norm(raised, axis=-1, keepdims=True)
 
 
-def _count(half_mm: float, step_mm: float, most: int) -> int:
-    return max(1, min(most, math.ceil(2 * half_mm / step_mm)))
+def _cell_count(half_mm: float, step_mm: float, limit: int) -> int:
+    """Cells of at most a step over twice a half length, but one at least, and no more than a limit."""
+    return max(1, min(limit, math.ceil(2 * half_mm / step_mm)))
 
 
-def _bent(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _axes_and_curvature(heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Axes (n, 3, 3) and largest curvature (n,) of a surface z(x, y) from z, zx, zy, zxx, zxy, zyy."""
+    # The normal is (-zx, -zy, 1), made a unit vector; x runs along (1, 0, zx), and y is across both.
     _, zx, zy, zxx, zxy, zyy = heights.T
     zero, ones = np.zeros(len(zx)), np.ones(len(zx))
     normal = np.stack([-zx, -zy, ones], axis=1)
@@ -144,7 +152,8 @@ Pieces = list[tuple[Patch, Pattern | None]]
 """Patches of a surface, each with the pattern on it; None for a blank one."""
 
 
-def _alone(kind: Kind, pattern: Pattern, *shape: float) -> Pieces:
+def _one_patch(kind: Kind, pattern: Pattern, *shape: float) -> Pieces:
+    """The only patch of a surface, in the target frame, with the whole pattern."""
     colours = pattern.black, pattern.white
     return [(Patch(kind, np.eye(4), pattern.drawing, colours, np.array(shape, float)), pattern)]
 
@@ -156,7 +165,7 @@ class Flat:
     KIND: ClassVar[str] = "flat"
 
     def patches(self, pattern: Pattern) -> Pieces:
-        return _alone(PLANE, pattern)
+        return _one_patch(PLANE, pattern)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -175,7 +184,7 @@ class Warped:
 
     def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
-        return _alone(HEIGHTS, pattern, 0.0, 0.0, drawing.half_x_mm, drawing.half_y_mm, *self.deflection_mm)
+        return _one_patch(HEIGHTS, pattern, 0.0, 0.0, drawing.half_x_mm, drawing.half_y_mm, *self.deflection_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,7 +210,7 @@ class HeightMap:
 
     def patches(self, pattern: Pattern) -> Pieces:
         drawing = pattern.drawing
-        return _alone(HEIGHTS, pattern, *self.resolution, drawing.half_x_mm, drawing.half_y_mm, *self.heights_mm)
+        return _one_patch(HEIGHTS, pattern, *self.resolution, drawing.half_x_mm, drawing.half_y_mm, *self.heights_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,7 +231,7 @@ class Cylinder:
                 hint="enlarge the radius",
                 code="cylinder-radius",
             )
-        return _alone(CYLINDER, pattern, self.radius_mm)
+        return _one_patch(CYLINDER, pattern, self.radius_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -288,9 +297,9 @@ class Stairs:
             front = pattern.for_face(number)
             pose = rigid(np.eye(3), np.array([0.0, 2 * number * half_y, -number * back]))
             pieces.append((Patch(PLANE, pose, front.drawing, colours), front))
-        lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+        level_turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
         for number in range(self.steps - 1):
-            pose = rigid(lying, np.array([0.0, (2 * number + 1) * half_y, -(number + 0.5) * back]))
+            pose = rigid(level_turn, np.array([0.0, (2 * number + 1) * half_y, -(number + 0.5) * back]))
             pieces.append((Patch(PLANE, pose, Drawing(half_x, back / 2), colours), None))
         return pieces
 

@@ -58,24 +58,24 @@ AnyTarget = Target | MeshTarget
 
 
 def _points_on(patch: Patch, pattern: Pattern) -> TargetPoints:
+    """Points of a pattern on its patch, target frame; those of a plane share one tangent plane."""
     marks = pattern.marks()
     n = len(marks.xy_mm)
-    turn = patch.target_from_patch[:3, :3]
-    points, axes, curvature = patch.surface_at(marks.xy_mm)
+    points, axes_in_patch, curvature = patch.surface_at(marks.xy_mm)
     is_flat = patch.kind == PLANE
     position = apply(patch.target_from_patch, points)
-    turned = turn @ axes
+    axes = patch.target_from_patch[:3, :3] @ axes_in_patch
     # The nominal shape of a cylinder is the cylinder; that of a board with a height map is flat.
     nominal = np.pad(marks.xy_mm, ((0, 0), (0, 1))) if patch.kind == "heights" else position
     return TargetPoints(
         position_mm=position,
         nominal_mm=nominal,
-        axes=turned,
+        axes=axes,
         curvature_per_mm=curvature,
         kinds=marks.kinds,
         radius_mm=marks.radius_mm,
         plane=np.zeros(n, int) if is_flat else np.arange(n),
-        frames=patch.target_from_patch[None] if is_flat else frames_at(position, turned),
+        frames=patch.target_from_patch[None] if is_flat else frames_at(position, axes),
     )
 
 
@@ -87,6 +87,7 @@ def bare(target: AnyTarget) -> AnyTarget:
 
 
 def plain_from_target(target: AnyTarget) -> Json:
+    """A target as plain values, with its kind."""
     if isinstance(target, MeshTarget):
         return {"kind": target.KIND, "mesh": to_plain(target)}
     return {
@@ -97,6 +98,7 @@ def plain_from_target(target: AnyTarget) -> Json:
 
 
 def target_from_plain(plain: Json) -> AnyTarget:
+    """The target of `plain_from_target`."""
     if plain["kind"] == MeshTarget.KIND:
         return from_plain(MeshTarget, plain["mesh"])
     surface = dict(plain["surface"])

@@ -145,7 +145,8 @@ def focus_plane_tilt_deg(
     # The lens is a collineation: a plane turned by theta has an image turned by theta', tan theta' = m / n tan theta,
     # because it magnifies m-fold across the axis and m^2 / n along it from a medium n.
     across_x, across_y, along = vision_from_film[:3, 2].tolist()
-    x, y, z = -across_x, -across_y, -along * lens.magnification(in_focus_mm) / lens.index_in_front
+    x, y = -across_x, -across_y
+    z = -along * lens.magnification(in_focus_mm) / lens.index_in_front
     return [math.degrees(math.atan2(-y, z)), math.degrees(math.asin(x / math.hypot(x, y, z)))]
 
 

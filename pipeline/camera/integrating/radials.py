@@ -18,9 +18,11 @@ _POLYGON = 1 << 20
 """Labels from here on: an edge of the polygon, i.e. of the microlens aperture."""
 _EDGE_STEPS = 24
 """Bisections of the boundary: to 3e-8 of the polygon's radius, so that a weight errs by less than 1e-7."""
-_AROUND, _OUTWARDS = 256, np.append(np.arange(1, 24) / 24, 1 - 1e-6)
-"""Directions, and fractions of the boundary's radius, of points that cover a region: a hidden part at its boundary is
-missed only below a few hundred-thousandths of it, an inner one below a thousandth."""
+_AROUND = 256
+"""Directions of points that cover a region: a hidden part at its boundary is missed only below a few
+hundred-thousandths of it."""
+_OUTWARDS = np.append(np.arange(1, 24) / 24, 1 - 1e-6)
+"""Fractions of the boundary's radius of these points: a hidden part inside is missed only below a thousandth."""
 PROBES = 3
 """Probe rays over the polygon per direction of a quadrature."""
 _STEPS = 12

@@ -57,50 +57,50 @@ def _edge_weight(ax, ay, bx, by, acceptance):
     length = math.sqrt(ex * ex + ey * ey)
     if length == 0.0:
         return 0.0
-    off = (ax * ey - ay * ex) / length
+    offset = (ax * ey - ay * ex) / length
     start, end = (ax * ex + ay * ey) / length, (bx * ex + by * ey) / length
-    inner, outer = _circle(acceptance, 0.0, off), _circle(acceptance, acceptance.roll_off, off)
+    inner, outer = _circle(acceptance, 0.0, offset), _circle(acceptance, acceptance.roll_off, offset)
     total = 0.0
     piece_start = start
     for mark in (-outer, -inner, inner, outer, math.inf):
         piece_end = min(max(mark, piece_start), end)
         if piece_end > piece_start:
-            total += _piece_weight(off, piece_start, piece_end, acceptance)
+            total += _piece_weight(offset, piece_start, piece_end, acceptance)
         piece_start = piece_end
     return total
 
 
 @inline
-def _circle(acceptance, roll_off, off):
+def _circle(acceptance, roll_off, offset):
     """Half the length of the chord that a circle of the cone cuts from a line; inf without a cone."""
     angle = acceptance.half_angle + roll_off
     if not acceptance.half_angle > 0.0 or angle >= 0.5 * math.pi:
         return math.inf
-    return math.sqrt(max(math.tan(angle) ** 2 - off * off, 0.0))
+    return math.sqrt(max(math.tan(angle) ** 2 - offset * offset, 0.0))
 
 
 @inline
-def _piece_weight(off, start, end, acceptance):
+def _piece_weight(offset, start, end, acceptance):
     """Integral of G d phi along a piece of a line in the plane at distance 1.
 
-    `off`: signed distance of the line from the axis; `start`, `end`: positions along it, from the foot of the axis.
+    `offset`: signed distance of the line from the axis; `start`, `end`: positions along it, from the foot of the axis.
     """
     middle = 0.5 * (start + end)
     if (
         acceptance.half_angle > 0.0
-        and math.atan(math.sqrt(off * off + middle * middle)) > acceptance.half_angle + acceptance.roll_off
+        and math.atan(math.sqrt(offset * offset + middle * middle)) > acceptance.half_angle + acceptance.roll_off
     ):
         # G is constant beyond the cone; the azimuth turns by the angle of the piece.
-        turn = math.atan2(off * (end - start), off * off + start * end)
+        turn = math.atan2(offset * (end - start), offset * offset + start * end)
         return turn * _inner_weight(math.inf, acceptance)
     total = 0.0
     for k in range(_NODES.shape[0]):
         s = middle + 0.5 * (end - start) * _NODES[k]
-        squared = off * off + s * s
+        squared = offset * offset + s * s
         # G / squared is smooth, also where the edge passes right above the position.
         ratio = 0.5 if squared == 0.0 else _inner_weight(squared, acceptance) / squared
         total += _WEIGHTS[k] * ratio
-    return 0.5 * (end - start) * off * total
+    return 0.5 * (end - start) * offset * total
 
 
 @inline

@@ -54,9 +54,9 @@ def bound_bundle(camera, samples, starts, n, region, row):
     if microlens[n] >= 0:
         # The mean over the square by Gauss's rule with two nodes along each axis.
         points = 4 if square > 0.0 else 1
-        off = _GAUSS * square
+        offset = _GAUSS * square
         for i in range(points):
-            x, y = sx + (off if i % 2 else -off), sy + (off if i // 2 else -off)
+            x, y = sx + (offset if i % 2 else -offset), sy + (offset if i // 2 else -offset)
             row[FREE_WEIGHT] += free_weight(camera, microlens[n], x, y, region.polygon) / points
     return bound(camera, microlens[n], ax, ay, CIRCUMRADIUS * square + math.hypot(sx - ax, sy - ay), region)
 
@@ -183,10 +183,10 @@ def image_rays(camera, samples, squares, diffraction, rays):
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
     start = SensorPoints(start_x, start_y)
     # Of each ray in the packet: area of the sampling region per ray, and its square and stratum in one number.
-    area, held_by = np.empty(PACKET), np.empty(PACKET, np.int64)
+    area, stratum_of = np.empty(PACKET), np.empty(PACKET, np.int64)
     microlens_of = squares.strata.reshape(-1)
     reach = reach_of(samples, diffraction)
-    held = 0
+    in_packet = 0
     written = 0
     strata = squares.strata.shape[1]
     for n in range(squares.positions.shape[0]):
@@ -202,25 +202,25 @@ def image_rays(camera, samples, squares, diffraction, rays):
             count = squares.counts[n, j]
             for first in range(0, count, PACKET):
                 size = min(PACKET, count - first)
-                if held + size > PACKET:
-                    send_mixed(camera, microlens_of, held_by, start, held, packet)
-                    written = _release(packet, held, held_by, area, rays, written)
-                    held = 0
-                new = slice(held, held + size)
+                if in_packet + size > PACKET:
+                    send_mixed(camera, microlens_of, stratum_of, start, in_packet, packet)
+                    written = _release(packet, in_packet, stratum_of, area, rays, written)
+                    in_packet = 0
+                new = slice(in_packet, in_packet + size)
                 shots = Shots(n, j, squares.skipped[n, j] + first, fan)
                 aims = Aims(x[new], y[new], start_x[new], start_y[new], packet.scratch)
                 aim_shots(camera, samples, squares, diffraction, shots, region, aims)
-                for i in range(held, held + size):
-                    held_by[i], area[i] = n * strata + j, fan.area / count
-                held += size
-    if held > 0:
-        send_mixed(camera, microlens_of, held_by, start, held, packet)
-        written = _release(packet, held, held_by, area, rays, written)
+                for i in range(in_packet, in_packet + size):
+                    stratum_of[i], area[i] = n * strata + j, fan.area / count
+                in_packet += size
+    if in_packet > 0:
+        send_mixed(camera, microlens_of, stratum_of, start, in_packet, packet)
+        written = _release(packet, in_packet, stratum_of, area, rays, written)
     return written
 
 
 @inline
-def _release(packet, size, held_by, area, rays, written):
+def _release(packet, size, stratum_of, area, rays, written):
     """Append the rays of a packet that leave the camera; returns the number written."""
     x, y, z, dx, dy, dz, alive, _, weight = packet
     origin, direction, share, owner = rays
@@ -228,6 +228,6 @@ def _release(packet, size, held_by, area, rays, written):
         if alive[i] > 0.0:
             origin[written, 0], origin[written, 1], origin[written, 2] = x[i], y[i], z[i]
             direction[written, 0], direction[written, 1], direction[written, 2] = dx[i], dy[i], dz[i]
-            share[written], owner[written] = weight[i] * area[i], held_by[i]
+            share[written], owner[written] = weight[i] * area[i], stratum_of[i]
             written += 1
     return written

@@ -87,7 +87,8 @@ def camera_arrays(
         if array.is_plain:  # the linear maps are exact
             rows[:, column.AIM] = sampling_mm - sensor_mm
             rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = rows[:, [column.BASE_X, column.BASE_Y]] = rows[:, :2]
-            behind, ahead = array.distance_mm, rear_mm + camera.sensor_distance_mm - array.distance_mm
+            behind = array.distance_mm
+            ahead = rear_mm + camera.sensor_distance_mm - array.distance_mm
             rows[:, column.BY_START] = -ahead / behind
             rows[:, column.BY_AIM] = 1.0 + ahead / behind - ahead / rows[:, column.FOCAL] - bounds.drift
         else:

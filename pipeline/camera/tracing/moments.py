@@ -122,7 +122,8 @@ def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray
     """
     weight = moments[..., WEIGHT] * share
     result = np.zeros((len(moments), COLUMNS))
-    result[:, WEIGHT], result[:, FREE_WEIGHT] = weight.sum(axis=1), moments[..., FREE_WEIGHT] @ share
+    result[:, WEIGHT] = weight.sum(axis=1)
+    result[:, FREE_WEIGHT] = moments[..., FREE_WEIGHT] @ share
     with np.errstate(invalid="ignore", divide="ignore"):  # dark mixtures
         part = weight / result[:, WEIGHT, None]
     finite = np.where(weight[..., None] != 0, moments, 0.0)

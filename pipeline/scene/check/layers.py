@@ -91,7 +91,8 @@ def _check_same_in_all(layers: list[Sdf.Layer]) -> Iterator[Problem]:
     """Problems of metadata in which layers differ from the root layer, the first of them."""
     root, *used = layers
     for key, fallback, reason in _SAME_IN_ALL_LAYERS:
-        wanted, values = _info(root, key, fallback), [_info(layer, key, fallback) for layer in used]
+        wanted = _info(root, key, fallback)
+        values = [_info(layer, key, fallback) for layer in used]
         if len(used) > 1 and len(set(values)) == 1 and values[0] != wanted:  # reported once, at the root
             message = f"{key} is {wanted} here and {values[0]} in all {len(used)} layers that it uses"
             hint = f"{reason}: say what they say, and write what follows in it"

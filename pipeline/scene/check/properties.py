@@ -357,7 +357,8 @@ def _check_numbers(attribute: Usd.Attribute, value: Any, time: float | None, spa
         yield problem(attribute, "not-finite", f'"{name}" is not a finite number: {number}', time=time)
     else:
         is_int = attribute.GetTypeName().scalarType == Sdf.ValueTypeNames.Int
-        message, hint = f'"{name}" = {int(number) if is_int else number} is outside {span}', None
+        message = f'"{name}" = {int(number) if is_int else number} is outside {span}'
+        hint = None
         if name.endswith("avelength") and number < 100:
             hint = "wavelengths are nanometres: 0.55 µm are 550"
         elif name == "plen:index" and number < 0:

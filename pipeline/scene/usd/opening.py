@@ -199,7 +199,8 @@ def check_instances(stage: Usd.Stage) -> tuple[list[Problem], ThirdPartyLayers]:
     before = {prim.GetPath(): list(prim.GetPrimStack()) for prim in everything if prim.IsInstanceProxy()}
     tops = [prim.GetPath() for prim in everything if prim.IsInstance()]
     write_out_instances(stage)
-    problems, third_party = [], scene_reader().third_party_layers(stage)
+    third_party = scene_reader().third_party_layers(stage)
+    problems = []
     for top in reversed(tops):  # nested instances first
         instance = Usd.PrimRange(stage.GetPrimAtPath(top), Usd.PrimAllPrimsPredicate)
         below = {prim.GetPath(): list(prim.GetPrimStack()) for prim in instance}

@@ -84,17 +84,19 @@ class Lines(Pattern):
         if self.columns and self.rows:
             return Marks.of(("crossing", grid(self.columns, self.rows, self.spacing_mm)))
         lines = grid(self.columns or 1, self.rows or 1, self.spacing_mm)
-        away = np.array([[0.0, half_y]]) if self.columns else np.array([[-half_x, 0.0]])
-        return Marks.of(("end", np.stack([lines + away, lines - away], axis=1).reshape(-1, 2)))
+        to_first_end = np.array([[0.0, half_y]]) if self.columns else np.array([[-half_x, 0.0]])
+        ends = np.stack([lines + to_first_end, lines - to_first_end], axis=1)
+        return Marks.of(("end", ends.reshape(-1, 2)))
 
     @property
     def drawing(self) -> Drawing:
         """A rectangle per line, on a sheet with a margin of half a spacing."""
         half_x, half_y = self._half_mm
-        w = self.width_mm / 2
-        upright, level = grid(self.columns, 1, self.spacing_mm)[:, 0], grid(1, self.rows, self.spacing_mm)[:, 1]
-        shapes = [Polygon(corners=rectangle(float(x) - w, -half_y, float(x) + w, half_y)) for x in upright]
-        shapes += [Polygon(corners=rectangle(-half_x, float(y) - w, half_x, float(y) + w)) for y in level]
+        half = self.width_mm / 2
+        vertical_x = grid(self.columns, 1, self.spacing_mm)[:, 0].tolist()
+        horizontal_y = grid(1, self.rows, self.spacing_mm)[:, 1].tolist()
+        shapes = [Polygon(corners=rectangle(x - half, -half_y, x + half, half_y)) for x in vertical_x]
+        shapes += [Polygon(corners=rectangle(-half_x, y - half, half_x, y + half)) for y in horizontal_y]
         return Drawing(half_x + self.spacing_mm / 2, half_y + self.spacing_mm / 2, shapes)
 
     def title(self) -> str:

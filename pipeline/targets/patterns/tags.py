@@ -80,6 +80,7 @@ def outlines(bits: Num[np.ndarray, "rows columns"]) -> list[list[Corner]]:
 
     Cells that touch only at a corner count as separate.
     """
+    # Collect the edges of all cells, anticlockwise around each, by their starts.
     edges: dict[Corner, list[Corner]] = {}
     for j, i in zip(*np.nonzero(bits), strict=True):
         square = [(int(i), int(j)), (int(i) + 1, int(j)), (int(i) + 1, int(j) + 1), (int(i), int(j) + 1)]
@@ -88,11 +89,14 @@ def outlines(bits: Num[np.ndarray, "rows columns"]) -> list[list[Corner]]:
                 edges[end].remove(start)  # an edge between two cells is no border
             else:
                 edges.setdefault(start, []).append(end)
+    # Two borders at most begin at a corner, where cells touch.
     return [_loop(edges, start) for start in sorted(edges) for _ in range(2) if edges[start]]
 
 
 def _loop(edges: dict[Corner, list[Corner]], start: Corner) -> list[Corner]:
-    corner, last_step = start, (0, 0)
+    """Remove a loop from the edges, from a corner back to it; returns the corners at which it turns."""
+    corner = start
+    last_step = 0, 0
     loop: list[Corner] = []
     while not loop or corner != start:
         # Where two loops touch, the turn to the left stays with the cell.
@@ -166,8 +170,9 @@ class Charuco(Pattern):
         half = (self.columns + 3) * self.square_mm / 2, (self.rows + 3) * self.square_mm / 2
         squares: list[Shape] = [Checks(columns=self.columns, rows=self.rows, square=self.square_mm)]
         if self._begins_white:
-            ends = np.concatenate([self._centres(white=False) + side * self.square_mm / 2 for side in (-1, 1)], axis=1)
-            squares = [Polygon(corners=rectangle(*four)) for four in ends.tolist()]
+            black = self._centres(white=False)
+            sides = np.concatenate([black - self.square_mm / 2, black + self.square_mm / 2], axis=1)
+            squares = [Polygon(corners=rectangle(*four)) for four in sides.tolist()]
         tags = [
             shape
             for i, (x, y) in enumerate(self._centres(white=True) - self.marker_mm / 2)
@@ -180,8 +185,9 @@ class Charuco(Pattern):
         corners = ("corner", grid(self.columns, self.rows, self.square_mm))
         if not self.marker_corners:
             return Marks.of(corners)
-        around = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.marker_mm / 2
-        return Marks.of(corners, ("marker-corner", (self._centres(white=True)[:, None] + around).reshape(-1, 2)))
+        from_centre = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.marker_mm / 2
+        of_tags = self._centres(white=True)[:, None] + from_centre
+        return Marks.of(corners, ("marker-corner", of_tags.reshape(-1, 2)))
 
     def for_face(self, number: int) -> "Charuco":
         return replace(self, first_tag=self.first_tag + number * self.tags)
@@ -228,8 +234,8 @@ class AprilGrid(Pattern):
     def _corners(self, count: int) -> np.ndarray:
         """Left ends (or bottoms) of tags, each followed by its right end (or top), relative to the centre."""
         start = np.arange(count) * (self.tag_mm + self._gap_mm)
-        both = np.stack([start, start + self.tag_mm], axis=1).ravel()
-        return both - both[-1] / 2
+        ends = np.stack([start, start + self.tag_mm], axis=1).ravel()
+        return ends - ends[-1] / 2
 
     @property
     @drawn_once

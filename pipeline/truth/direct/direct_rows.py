@@ -90,7 +90,8 @@ def _integrated(
     rows = np.arange(len(x_px))
     for level in range(1, LEVELS):
         integral = integrals(rig.tracer, bundles.only(rows), level)
-        moments[rows], error[rows] = integral.moments, errors_px(px_per_mm[rows], integral)
+        moments[rows] = integral.moments
+        error[rows] = errors_px(px_per_mm[rows], integral)
         is_done = np.isnan(integral.moments[:, 0]) | (np.hypot(*error[rows].T) < accuracy_px)
         rows = rows[~is_done]
         if not len(rows):

@@ -316,24 +316,24 @@ class Search:
             # Compute J at the ends of the steps, and halve those that end in the dark.
             j = self._j(rows, self.x_px[rows] + step[rows])
             is_dark = np.isnan(j[:, 0]) & ~np.isnan(step[rows, 0]) & (retreats[rows] < _RETREATS)
-            dark, done = rows[is_dark], rows[~is_dark]
+            dark, stepped = rows[is_dark], rows[~is_dark]
             step[dark] /= 2
             retreats[dark] += 1
             # Take the other steps, and update their inverse Jacobians.
-            self.x_px[done] += step[done]
-            self._update(done, step[done], j[~is_dark])
-            steps[done] += 1
+            self.x_px[stepped] += step[stepped]
+            self._update(stepped, step[stepped], j[~is_dark])
+            steps[stepped] += 1
             # Drop rows that have converged or taken too many steps, and find the next step of the rest.
-            done = done[(np.hypot(*step[done].T) > _ROUGH_PX) & (steps[done] < _STEPS)]
-            step[done] = self._next_step(done)
-            retreats[done] = 0
+            stepped = stepped[(np.hypot(*step[stepped].T) > _ROUGH_PX) & (steps[stepped] < _STEPS)]
+            step[stepped] = self._next_step(stepped)
+            retreats[stepped] = 0
             # Where rims cut bundles the Jacobian of chief rays misleads: renew it before a row nearby is given up.
-            may = self._may_continue(done, step, may_exist)
-            misled = done[~may & (steps[done] == 1) & may_exist(self.x_px[done], done, _LONGEST_STEP_PX)]
+            may = self._may_continue(stepped, step, may_exist)
+            misled = stepped[~may & (steps[stepped] == 1) & may_exist(self.x_px[stepped], stepped, _LONGEST_STEP_PX)]
             self._derive(misled)
             step[misled] = self._next_step(misled)
-            done = done[self._may_continue(done, step, may_exist)]
-            rows = np.sort(np.concatenate([dark, done]))
+            stepped = stepped[self._may_continue(stepped, step, may_exist)]
+            rows = np.sort(np.concatenate([dark, stepped]))
 
     def _may_continue(self, rows: np.ndarray, step: np.ndarray, may_exist: MayExist) -> np.ndarray:
         """Whether a solution may exist at the rows' positions, or at the ends of their next steps, (k,) bool."""
@@ -352,11 +352,11 @@ class Search:
         `j` is the residual at the end of the step, and becomes that of the rows.
         """
         inverse = self.inverse[rows]
-        moved = _times(inverse, j - self.residual[rows])
-        scale = np.einsum("ni,ni->n", step, moved)
+        predicted = _times(inverse, j - self.residual[rows])
+        scale = np.einsum("ni,ni->n", step, predicted)
         row = np.einsum("ni,nij->nj", step, inverse)
         with np.errstate(divide="ignore", invalid="ignore"):  # rows that do not move
-            update = np.einsum("ni,nj->nij", step - moved, row) / scale[:, None, None]
+            update = np.einsum("ni,nj->nij", step - predicted, row) / scale[:, None, None]
         self.inverse[rows] = np.where(np.isfinite(update), inverse + update, inverse)
         self.residual[rows] = j
 

@@ -132,7 +132,7 @@ class SetNote:
     @property
     def text(self) -> str:
         """Text for the header of a table."""
-        empty = [f"{why} {count}" for why, count in self.empty.items() if count]
+        empty = [f"{reason} {count}" for reason, count in self.empty.items() if count]
         note = f"{self.name} {self.rows}" + (f" (empty: {', '.join(empty)})" if empty else "")
         return note if self.error_px is None else f"{note}, its largest error {self.error_px:.1g} px"
 
@@ -142,7 +142,7 @@ class SetNote:
         return SetNote(
             name=self.name,
             rows=self.rows + other.rows,
-            empty={why: count + other.empty[why] for why, count in self.empty.items()},
+            empty={reason: count + other.empty[reason] for reason, count in self.empty.items()},
             error_px=max(errors, default=None),
         )
 
@@ -237,5 +237,5 @@ def _noted(name: str, x_px: np.ndarray, reasons: dict[str, np.ndarray], error_px
     """Positions (n, 2) with their note; `reasons` says for each reason which rows it leaves empty, (n,) bool."""
     has_position = ~np.isnan(x_px[:, 0])
     largest = float(error_px[has_position].max()) if error_px is not None and has_position.any() else None
-    empty = {why: int(is_empty.sum()) for why, is_empty in reasons.items()}
+    empty = {reason: int(is_empty.sum()) for reason, is_empty in reasons.items()}
     return ColumnSet(x_px, SetNote(name=name, rows=int(has_position.sum()), empty=empty, error_px=largest))

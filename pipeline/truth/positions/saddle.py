@@ -72,10 +72,10 @@ def signed_share(a, b, c):
         a, b, c = b, c, a
     to_b, to_c = a[0] / (a[0] - b[0]), a[0] / (a[0] - c[0])
     at_b, at_c = a[1] + to_b * (b[1] - a[1]), a[1] + to_c * (c[1] - a[1])
-    alone = to_b * to_c * mean_sign(a[1], at_b, at_c)
+    of_first = to_b * to_c * mean_sign(a[1], at_b, at_c)
     # The rest: (b', b, c') and (b, c, c').
-    rest = (1.0 - to_b) * to_c * mean_sign(at_b, b[1], at_c) + (1.0 - to_c) * mean_sign(b[1], c[1], at_c)
-    return (alone - rest) if a[0] > 0.0 else (rest - alone)
+    of_others = (1.0 - to_b) * to_c * mean_sign(at_b, b[1], at_c) + (1.0 - to_c) * mean_sign(b[1], c[1], at_c)
+    return (of_first - of_others) if a[0] > 0.0 else (of_others - of_first)
 
 
 @inline
@@ -89,8 +89,8 @@ def mean_sign(p, q, r):
         p, r = r, p
     elif (p > 0.0) == (r > 0.0):
         p, q = q, p
-    alone = p / (p - q) * (p / (p - r))
-    return 2.0 * alone - 1.0 if p > 0.0 else 1.0 - 2.0 * alone
+    of_first = p / (p - q) * (p / (p - r))
+    return 2.0 * of_first - 1.0 if p > 0.0 else 1.0 - 2.0 * of_first
 
 
 _DIFFERENCE_PX = 0.05
