@@ -103,6 +103,12 @@ _THIN_LENS = """    # An ideal thin lens, as camera models have it: sharp and un
 """
 
 
+_UNDISTORTED = """        # Brown's distortion, k1, k2, p1, p2, k3 of OpenCV: none, until you calibrate it.
+        uniform double[] plen:camera:distortion = [0, 0, 0, 0, 0]
+        uniform token plen:camera:model = "thinLens"
+"""
+
+
 def _text(out: Path, wish: RigWish, lens: str) -> str:
     """The stage of a rig with this prim of its lens."""
     array = ""
@@ -114,6 +120,8 @@ def _text(out: Path, wish: RigWish, lens: str) -> str:
         camera = "        # The sensor moves to where this distance is sharp;"
         camera += " plen:camera:sensorDistance would say where it stands.\n"
         camera += f"        uniform double plen:camera:focusDistance = {wish.focus_mm:.9g}\n"
+    if isinstance(wish.lens, float):
+        camera += _UNDISTORTED
     numbers = {"near": wish.near_mm, "far": wish.far_mm, "circleOfConfusion": wish.circle_of_confusion_px}
     for name, value in numbers.items():
         camera += "" if value is None else f"        uniform double plen:camera:{name} = {value:.9g}\n"

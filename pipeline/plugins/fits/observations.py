@@ -33,7 +33,7 @@ ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
 """Name -> number of the centre of the top-left pixel [px]."""
 _STATED = re.compile(r"\s*(pixel_origin|position|centres)\s*[:=]\s*(\S+)")
 _MICROLENS = ("microlens_k", "microlens_l")
-_LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("u", "<f8"), ("v", "<f8")]
+_LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("x_px", "<f8", 2)]
 _CORNER = [*_LIBPLENO, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_LIBPLENO, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
 _FROM_ZERO = ("pixel_origin: 0",)
@@ -61,7 +61,7 @@ class Observations:
 
     `target` is empty where a file names none. `position`: one of `POSITIONS`, or for a centre of `CENTRES`.
     `microlens`: k and l, or None where positions say which one it is. `file`, `line`: of the row, for errors; line 0 of
-    a file without lines. `board_mm`: points of the board by id, as the program had them.
+    a file without lines. `board_mm`: where on its board the program had the point, (n, 3), or None.
     """
 
     x_px: np.ndarray  # (n, 2)
@@ -83,9 +83,8 @@ class Observations:
     @classmethod
     def of(cls, x_px: np.ndarray, *, microlens: Any = None, board_mm: Any = None, **columns: Any) -> Self:
         """Observations at positions (n, 2); a column is (n,), or one value for all. Without points they are centres."""
-        is_centre = "point_id" not in columns
         nowhere = {"frame": _NO_POINT, "point_id": _NO_POINT, "target": "", "file": "", "line": 0}
-        every = {"is_centre": is_centre, **nowhere, **columns}
+        every = {"is_centre": "point_id" not in columns, **nowhere, **columns}
         broadcast = {name: np.broadcast_to(value, len(x_px)) for name, value in every.items()}
         return cls(x_px=x_px, microlens=microlens, board_mm=board_mm, **broadcast)
 
@@ -264,39 +263,65 @@ def _whole(path: Path, table: Table, name: str) -> np.ndarray:
 
 
 def _npz(path: Path, stated: Stated) -> Observations:
-    """OpenCV: `image_points` (f, n, 2) of frames from 1, NaN of what is not seen, `object_points` (n, 3) or
-    (f, n, 3), and, if they are there, the words `pixel_origin` and `position`.
+    """OpenCV: `image_points` and `object_points`, and, if they are there, the words `pixel_origin` and `position`, and
+    of each view its number in `frames`, else from 1, and its name in `targets`.
+
+    Of whole boards (f, n, 2), NaN of what is not seen, and (n, 3) or (f, n, 3); of parts all points one after the
+    other, with `ids`, view i from starts[i] to starts[i + 1], as `pipeline export opencv` writes them.
     """
-    try:
-        with np.load(path) as data:
-            arrays = {name: data[name] for name in data.files}
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        raise DamagedFile(path, f"no arrays of NumPy ({type(error).__name__})") from error
+    arrays = _arrays(path)
     if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
     words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
     said = _settled(path, stated, tuple(words), "pixel_origin", "position")
     try:
-        image = np.asarray(arrays["image_points"], float)
-        image = image.reshape(len(image), -1, 2)
-        count = image.shape[1]
-        board = np.asarray(arrays["object_points"], float).reshape(-1, count, 3)
-    except (ValueError, TypeError):
-        shapes = ", ".join(f"{name} {arrays[name].shape}" for name in ("image_points", "object_points"))
-        raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint="(f, n, 2) and (n, 3)") from None
-    if not (board == board[:1]).all():
-        raise UsageError(f"{path} has several boards", hint="give each a file of its own")
-    frame, point = np.nonzero(~np.isnan(image).any(axis=2))
+        image_px, board_mm, view, point_id = _by_row(arrays)
+        frame = np.asarray(arrays["frames"], int)[view] if "frames" in arrays else view + 1
+        target = np.asarray(arrays["targets"], str)[view] if "targets" in arrays else np.full(len(view), "")
+    except (ValueError, TypeError, IndexError, KeyError):
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items() if array.ndim)
+        hint = "(f, n, 2) and (n, 3), or all points one after the other with starts (f + 1,) and ids"
+        raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint=hint) from None
+    is_there = ~np.isnan(image_px).any(axis=1)
     return Observations.of(
-        image[frame, point] - ORIGINS[said["pixel_origin"]],
+        image_px[is_there] - ORIGINS[said["pixel_origin"]],
         position=said["position"],
         camera=stated.camera or "",
-        frame=frame + 1,
-        point_id=point,
+        frame=frame[is_there],
+        target=target[is_there],
+        point_id=point_id[is_there],
         sigma_px=_sigma(path, stated),
         file=path,
-        board_mm=board[0],
+        board_mm=board_mm[is_there],
     )
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of an archive of NumPy that hold observations."""
+    names = ("image_points", "object_points", "starts", "ids", "frames", "targets", "pixel_origin", "position")
+    try:
+        with np.load(path) as data:
+            return {name: data[name] for name in names if name in data.files}
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        if "pickle" not in str(error):
+            raise DamagedFile(path, f"no arrays of NumPy ({type(error).__name__})") from error
+        hint = "write them one after the other: image_points=np.concatenate(image_points), object_points and ids alike,"
+        hint += " starts=np.cumsum([0, *map(len, image_points)])"
+        raise UsageError(f"{path} holds lists of arrays, which only a pickle can: it is not read", hint=hint) from error
+
+
+def _by_row(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Image positions (n, 2), places on the board (n, 3), views and ids (n,) of the points of OpenCV's arrays."""
+    image_px, board_mm = (np.asarray(arrays[name], float) for name in ("image_points", "object_points"))
+    if "starts" in arrays:
+        counts = np.diff(np.asarray(arrays["starts"], int))
+        view = np.repeat(np.arange(len(counts)), counts)
+        ids = np.asarray(arrays["ids"], int).reshape(len(view))
+        return image_px.reshape(len(view), 2), board_mm.reshape(len(view), 3), view, ids
+    image_px = image_px.reshape(len(image_px), -1, 2)
+    view, ids = np.indices(image_px.shape[:2]).reshape(2, -1)
+    board_mm = np.broadcast_to(board_mm.reshape(-1, image_px.shape[1], 3), (*image_px.shape[:2], 3))
+    return image_px.reshape(-1, 2), board_mm.reshape(-1, 3), view, ids
 
 
 def _vnl(path: Path, stated: Stated) -> Observations:
@@ -354,20 +379,16 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
     except (ValueError, OSError, EOFError, OverflowError, zlib.error) as error:
         raise DamagedFile(path, f"no observations of libpleno: {error}") from error
     centres, *points = parts
-    rows = np.concatenate([part[[name for name, _ in _CORNER]].astype(_CORNER) for part in points])
+    rows = np.concatenate([part[[str(name) for name, *_ in _CORNER]].astype(_CORNER) for part in points])
     names = [name for name, each in (("position", rows), ("centres", centres)) if len(each)]
     said = _settled(path, stated, _FROM_ZERO, "pixel_origin", *names)
     common = {"camera": stated.camera or "", "sigma_px": _sigma(path, stated), "file": path}
     of_points = {"position": said.get("position", ""), "frame": rows["frame"], "point_id": rows["cluster"]}
-    observed = Observations.of(_uv(rows) - ORIGINS[said["pixel_origin"]], **common, **of_points)
+    origin = ORIGINS[said["pixel_origin"]]
+    observed = Observations.of(rows["x_px"] - origin, **common, **of_points)
     if said.get("centres", "none") == "none":
         return observed
-    positions = _uv(centres) - ORIGINS[said["pixel_origin"]]
-    return joined([observed, Observations.of(positions, position=said["centres"], **common)])
-
-
-def _uv(rows: np.ndarray) -> np.ndarray:
-    return np.stack([rows["u"], rows["v"]], axis=1)
+    return joined([observed, Observations.of(centres["x_px"] - origin, position=said["centres"], **common)])
 
 
 _READERS: dict[str, Callable[[Path, Stated], Observations]] = {

@@ -84,19 +84,22 @@ def _in_state(found: Observations, row: int, name: str, dataset: Dataset, entrie
 
 
 def _require_board(found: Observations, dataset: Dataset) -> None:
-    """UsageError: the points of a file are not as far from each other as those of its target are."""
+    """UsageError: the points of a file are not as far from each other as those of their targets are."""
     if found.board_mm is None:
         return
-    points_mm = points_of(dataset)[str(found.target[0])].position_mm
-    ids = np.flatnonzero(np.isfinite(found.board_mm[: len(points_mm), 0]))
-    theirs, ours = (
-        np.linalg.norm(points[ids, None] - points[None, ids], axis=2) for points in (found.board_mm, points_mm)
-    )
-    if np.abs(theirs - ours).max() > _SAME_SIZE * ours.max():
-        least = tuple(float(np.min(each[each > 0], initial=np.inf)) for each in (theirs, ours))
-        message = f"its board has points {least[0]:.6g} mm apart, that of the stage {least[1]:.6g} mm"
-        hint = "mend plen:squareSize, or the order of ids: row by row, from the top left"
-        raise found.error_at(0, message, hint)
+    for name in np.unique(found.target).tolist():
+        rows = np.flatnonzero(found.target == name)
+        ids, first, number = np.unique(found.point_id[rows], return_index=True, return_inverse=True)
+        file_mm, stage_mm = found.board_mm[rows[first]], points_of(dataset)[name].position_mm[ids]
+        if len(other := rows[(found.board_mm[rows] != file_mm[number]).any(axis=1)]):
+            where = found.name(other[0])
+            raise found.error_at(other[0], f"{where} is elsewhere on its board than before", "give each board a file")
+        theirs, ours = (np.linalg.norm(points[:, None] - points[None], axis=2) for points in (file_mm, stage_mm))
+        if np.abs(theirs - ours).max() > _SAME_SIZE * ours.max():
+            least = tuple(float(np.min(each[each > 0], initial=np.inf)) for each in (theirs, ours))
+            message = f"its board has points {least[0]:.6g} mm apart, that of the stage {least[1]:.6g} mm"
+            hint = "mend plen:squareSize, or the order of ids: row by row, from the top left"
+            raise found.error_at(rows[0], message, hint)
 
 
 def _require_stills(found: Observations, dataset: Dataset, entries: Mapping[str, CameraEntry]) -> None:

@@ -59,11 +59,13 @@ class Views:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slopes:
     """Derivatives of predicted positions by free numbers (n, 2, m) and by the pose of the own board (n, 2, 6): a turn
-    [rad] about the origin of the board and a shift [mm], in the axes of the world.
+    [rad] about the origin of the board and a shift [mm], in the axes of the world. `arm_mm`: from that origin to the
+    point, (n, 3), in these axes, too; 0 of a centre.
     """
 
     by_number: np.ndarray
     by_pose: np.ndarray
+    arm_mm: np.ndarray
 
 
 @functools.lru_cache(maxsize=4)
@@ -165,7 +167,14 @@ class Predictor:
                 solved = SolvedRows(np.arange(len(rows)), self._cells(rig, rows), solved_px[rows], Planes(planes))
                 rates = derivatives(rig, solved, variations).x_px.transpose(0, 2, 1)
                 by_pose[rows], by_number[np.ix_(rows, [0, 1], places)] = rates[:, :, :6], rates[:, :, 6:]
-        return Slopes(by_number=by_number, by_pose=by_pose)
+        return Slopes(by_number=by_number, by_pose=by_pose, arm_mm=self._arms_mm(dataset, poses))
+
+    def _arms_mm(self, dataset: Dataset, poses: np.ndarray) -> np.ndarray:
+        arms_mm, points = np.zeros((len(self.observations), 3)), points_of(dataset)
+        for view, (_, target) in enumerate(self.views.keys):
+            rows = np.flatnonzero(self.views.of_rows == view)
+            arms_mm[rows] = points[target].position_mm[self.observations.point_id[rows]] @ poses[view, :3, :3].T
+        return arms_mm
 
     def _cameras(self, dataset: Dataset) -> Iterator[tuple[CameraEntry, np.ndarray, np.ndarray]]:
         """Cameras with their rows, of points and of centres."""

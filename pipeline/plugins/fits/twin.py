@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.app.stages import existing, require_free, sound, write_new
-from pipeline.errors import PipelineError, UsageError
+from pipeline.errors import UsageError
 from pipeline.files.jsonfile import json_bytes
 from pipeline.formats import EXACT
 from pipeline.plugins.fits.first_poses import first_poses
 from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.linear_rows import Asked
 from pipeline.plugins.fits.observations import Observations, Stated, joined, read_observations
 from pipeline.plugins.fits.placement import placed
-from pipeline.plugins.fits.predicted_rows import Predictor, Slopes, Views, entries_of, points_of
+from pipeline.plugins.fits.predicted_rows import Predictor, Slopes, Views, entries_of
 from pipeline.plugins.fits.real_images import Images
-from pipeline.plugins.fits.solver import Asked, Solution, solve, unnoticed
+from pipeline.plugins.fits.solver import Solution, solve, unnoticed
 from pipeline.records.plain import Json
 
 MADE_BY = "pipeline calibrate"
@@ -54,13 +55,6 @@ class _Rows:
         start_px = self._sought_px if near is None else self._sought_px + near
         start_px = np.where(np.isfinite(start_px), start_px, self._observed_px)
         return self._predictor.positions(self._stage.at(by), poses, start_px) - self._sought_px
-
-    def posed(self, by: np.ndarray, poses: np.ndarray) -> np.ndarray:
-        """Poses that fit best to the rays of the camera there; those given where none do."""
-        try:
-            return first_poses(self._predictor.observations, self._predictor.views, self._stage.at(by))
-        except PipelineError:
-            return poses
 
     def slopes(self, by: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         """Derivatives there."""
@@ -136,13 +130,10 @@ class Twin:
     @cached_property
     def mistakes(self) -> tuple[np.ndarray, np.ndarray]:
         """Estimates and deviations of `MISTAKES`: what a wrong pixel origin or a wrong board would look like."""
-        seen, points = self.observations, points_of(self.stage.nominal)
-        extra = np.zeros((len(seen), 2, len(MISTAKES)))
-        extra[~seen.is_centre, :, :2] = extra[seen.is_centre, :, 3:] = -np.eye(2)
-        for view, (_, target) in enumerate(self.views.keys):
-            rows = np.flatnonzero(self.views.of_rows == view)
-            outwards = points[target].position_mm[seen.point_id[rows]] @ self.solution.poses[view, :3, :3].T
-            extra[rows, :, 2] = np.einsum("nij,nj->ni", self.solution.linear.slopes.by_pose[rows, :, 3:], outwards)
+        is_centre, slopes = self.observations.is_centre, self.solution.linear.slopes
+        extra = np.zeros((len(is_centre), 2, len(MISTAKES)))
+        extra[~is_centre, :, :2] = extra[is_centre, :, 3:] = -np.eye(2)
+        extra[:, :, 2] = np.einsum("nij,nj->ni", slopes.by_pose[:, :, 3:], slopes.arm_mm)
         return unnoticed(self.solution, extra)
 
     @cached_property

@@ -4,15 +4,20 @@ import gzip
 import io
 import random
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hostile.test_damage import damaged
+from places import DATA
 from plugins.fits.planted import narrow_stage
 
+import pipeline
 from pipeline.errors import UsageError
 from pipeline.plugins.fits.observations import Stated, read_observations
+from pipeline.plugins.fits.placement import placed
+from pipeline.scene.load import open_dataset
 
 EVERYTHING = Stated(pixel_origin="0", position="exact", centres="centroid", sigma_px=0.1)
 CSV = """# pixel_origin: 0
@@ -132,6 +137,27 @@ def test_a_table_that_does_not_fit_the_dataset_ends_in_one_sentence_with_its_lin
     first, *hints = log.strip().splitlines()
     assert (code, output) == (2, "") and first.startswith(f"error: a.csv{said}")
     assert len(hints) <= 1 and sorted(tmp_path.glob("fitted*")) == []
+
+
+def test_what_export_opencv_writes_is_read_again(tmp_path, in_this_process, conventional_build):
+    """Views of different lengths, in single precision."""
+    assert in_this_process("export", "opencv", conventional_build, "-o", tmp_path / "out")[0] == 0
+    found = read_observations(tmp_path / "out/opencv/Rig.Camera.npz", replace(EVERYTHING, sigma_px=1e-3))
+    rows = pipeline.open_output(conventional_build).cameras["Rig.Camera"].correspondences
+    expected = {(row.frame, row.point_id): (row.x_px, row.y_px) for row in rows}
+    assert {*zip(found.frame.tolist(), found.point_id.tolist(), strict=True)} == expected.keys()
+    for frame, point, x_px in zip(found.frame.tolist(), found.point_id.tolist(), found.x_px, strict=True):
+        np.testing.assert_allclose(x_px, expected[frame, point], rtol=1e-6)
+    assert len(placed(found, open_dataset(DATA / "tiny_conventional/dataset.usda"))) == len(expected)
+
+
+def test_lists_of_arrays_are_refused_with_what_to_write_instead(tmp_path):
+    """As users of OpenCV keep what a detector found: one array per image, of different lengths."""
+    lists = [np.zeros((4, 2)), np.zeros((3, 2))]
+    np.savez(tmp_path / "a.npz", image_points=np.array(lists, object), object_points=np.array(lists, object))
+    with pytest.raises(UsageError, match="only a pickle can") as refused:
+        read_observations(tmp_path / "a.npz", EVERYTHING)
+    assert "np.cumsum" in refused.value.hint
 
 
 def test_a_folder_is_named_as_one(tmp_path):

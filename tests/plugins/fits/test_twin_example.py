@@ -76,11 +76,8 @@ def test_the_walk_of_the_page_ends_with_the_camera_that_took_the_photos(run, tmp
     )
     photograph(Path("build/real"), Path("photos"))
     for language, block in re.findall(r"```(\w+)\n(.*?)```", page, re.DOTALL):
-        if language == "usda" and block.startswith("#usda"):
+        if language == "usda":
             Path(f"own_{'sensor' if 'PlenSensor' in block else 'board'}.usda").write_text(block, "utf-8")
-        elif language == "usda":
-            rig = re.search(r'def "Rig" \([^)]*\)\s*\{\n', text := Path("own_images.usda").read_text("utf-8"))[0]
-            Path("own_images.usda").write_text(edited(text, (rig, rig + block)), "utf-8")
         elif language == "python":
             exec(compile(block, "calibrate.md", "exec"), {})
         else:
