@@ -7,7 +7,7 @@ import pytest
 from fits.pixel_rays import lit_rays
 from plugins.formats.flipping import flips, require_notice
 from plugins.formats.maps import CHECKS, PinholeSight, channels, write_small_build
-from plugins.formats.pretended import CORNER_PX, Scene
+from plugins.formats.pretended import CORNER_PX, Scene, write_build
 from plugins.formats.readers import CHECKS as BOARD_CHECKS
 
 import pipeline
@@ -51,6 +51,15 @@ def test_its_reader_gets_back_every_number(judged, name, tmp_path):
     check(folder)
 
 
+@pytest.fixture(scope="module")
+def one_view(tmp_path_factory):
+    """What the left camera sees in the first frame, and its check: coco asks the rays of all pixels of each view."""
+    scene = Scene()
+    alone = Scene(rig={"Left": scene.rig["Left"]}, poses={1: scene.poses[1]})
+    built = open_output(write_build(tmp_path_factory.mktemp("pretended") / "out", alone))
+    return built, lambda folder: BOARD_CHECKS["coco"](folder, alone)
+
+
 UNSEEN = (("*", "centre"), ("*", "microlenses"))
 """All centres of cameras before a board are one, and no camera here has microlenses."""
 UNSEEN_BY_MAPS = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
@@ -58,8 +67,8 @@ UNSEEN_BY_MAPS = (("*", "microlenses"), ("*", "board"), ("*", "pose"))
 
 
 @pytest.mark.parametrize(("name", "field", "other"), [*flips(BOARD_CHECKS, UNSEEN), *flips(CHECKS, UNSEEN_BY_MAPS)])
-def test_a_flip_of_a_convention_is_noticed(judged, name, field, other, tmp_path, monkeypatch):
-    built, check = judged
+def test_a_flip_of_a_convention_is_noticed(judged, one_view, name, field, other, tmp_path, monkeypatch):
+    built, check = one_view if name == "coco" else judged
     require_notice(check, built, name, {field: other}, tmp_path, monkeypatch)
 
 

@@ -17,7 +17,7 @@ from stage_text import head, over_tiny, stage_in
 
 from pipeline.camera.figures.equivalent_pinhole import Sightings
 from pipeline.exports import gathering
-from pipeline.exports.export import export
+from pipeline.exports.export import Request, export
 from pipeline.exports.row_pinhole import row_pinhole
 from pipeline.results.output import open_output
 from pipeline.results.records import BuiltPinhole
@@ -209,7 +209,7 @@ def test_a_pinhole_that_is_none_determines_none_and_formats_that_read_none_never
         raise AssertionError("a pinhole of rows")
 
     monkeypatch.setattr(gathering, "row_pinhole", asked)
-    export(output, ["coco", "npz", "lensboy", "rays"], tmp_path)
+    export(output, ["coco", "npz", "lensboy", "rays"], tmp_path, Request(only=("Left",)))
     with pytest.raises(AssertionError, match="a pinhole of rows"):
         export(output, ["opencv"], tmp_path)
 
