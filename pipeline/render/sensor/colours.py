@@ -38,8 +38,9 @@ class Colorimetry:
 
 def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> Colorimetry | None:
     """Colour matrix of the red, green and blue responses: exact for white and, in least squares, best for a
-    ColorChecker. None if the channels do not span three colours of the observer. A flag beside each response says
-    whether it counts photons, or energy.
+    ColorChecker. None if the channels do not span three colours of the observer.
+
+    `responses`: tables over wavelengths, each with a flag whether it counts photons, or energy.
     """
     from pipeline.render.spectral import spectra
 
@@ -59,10 +60,10 @@ def colorimetry(responses: Sequence[tuple["Table", bool]], illuminant: str) -> C
     # White fixes the sum of the columns: red and blue count by how they differ from green.
     (by_red, by_blue), *_ = np.linalg.lstsq(np.hstack([red, blue]) - green, xyz - green * white, rcond=None)
     matrix = np.column_stack([by_red, white - by_red - by_blue, by_blue]).round(9)
-    if abs(np.linalg.det(matrix)) < 1e-6:  # two channels see alike
+    if abs(np.linalg.det(matrix)) < 1e-6:  # two channels have the same response
         return None
-    of_white = tuple((counted.sum(axis=1) / response[1].sum()).tolist())
-    return Colorimetry(illuminant=illuminant, xyz_from_rgb=tuple(map(tuple, matrix.tolist())), counted=of_white)
+    white_counts = tuple((counted.sum(axis=1) / response[1].sum()).tolist())
+    return Colorimetry(illuminant=illuminant, xyz_from_rgb=tuple(map(tuple, matrix.tolist())), counted=white_counts)
 
 
 def in_colour(
@@ -81,17 +82,19 @@ def in_colour(
     `first_row`: index in the image of the first of these rows, which decides where the mosaic begins.
     `photons`: photons of white in each channel, if they differ.
     """
-    period, height, width = response.period_px, *numbers.shape
+    period = response.period_px
+    height, width = numbers.shape
     light = (numbers - response.black_level_dn) / max(response.white_dn - response.black_level_dn, 1.0)
     pattern = np.roll(np.array(response.filters).reshape(period, period), -first_row, axis=0)
-    where = np.tile(pattern, (height // period + 1, width // period + 1))[:height, :width]
+    filter_at = np.tile(pattern, (height // period + 1, width // period + 1))[:height, :width]
     efficiency = dict(zip(response.channels, response.quantum_efficiency, strict=True))
     if photons:
         efficiency = {name: share * photons[name] for name, share in efficiency.items()}
     name_of = {colour_of(name): name for name in response.channels}
     names = [name_of[colour] for colour in PRIMARIES]
     best = max(efficiency[name] for name in names)
-    return np.stack([_between(light, where == name, period) * best / efficiency[name] for name in names], axis=-1)
+    channels = [_interpolated(light, filter_at == name, period) * best / efficiency[name] for name in names]
+    return np.stack(channels, axis=-1)
 
 
 def has_colours(response: SensorResponse) -> bool:
@@ -99,8 +102,8 @@ def has_colours(response: SensorResponse) -> bool:
     return set(PRIMARIES) <= set(map(colour_of, response.channels))
 
 
-def _between(values: np.ndarray, is_sampled: np.ndarray, period: int) -> np.ndarray:
-    """Values everywhere, interpolated from the sampled pixels by a triangle of twice the period."""
+def _interpolated(values: np.ndarray, is_sampled: np.ndarray, period: int) -> np.ndarray:
+    """Values of all pixels: means of the sampled ones, weighted by a triangle of twice the period along each axis."""
     from scipy.ndimage import convolve1d
 
     weight = np.convolve(np.ones(period), np.ones(period)) / period

@@ -65,10 +65,10 @@ def stream(seed: int, camera: str, frame: int = 0) -> Stream:
 def philox(a, b, c, d, key_0, key_1):
     """Four words of 32 bits, from a counter of four and a key of two; all in uint64."""
     for _ in range(_ROUNDS):
-        first, second = _MULTIPLY_0 * a, _MULTIPLY_1 * c
-        a = (second >> _SHIFT_32) ^ b ^ key_0
-        c = (first >> _SHIFT_32) ^ d ^ key_1
-        b, d = second & _LOW, first & _LOW
+        product_0, product_1 = _MULTIPLY_0 * a, _MULTIPLY_1 * c
+        a = (product_1 >> _SHIFT_32) ^ b ^ key_0
+        c = (product_0 >> _SHIFT_32) ^ d ^ key_1
+        b, d = product_1 & _LOW, product_0 & _LOW
         key_0, key_1 = (key_0 + _ADD_0) & _LOW, (key_1 + _ADD_1) & _LOW
     return a, b, c, d
 
@@ -116,33 +116,39 @@ def poisson(keys, row, column, stage, mean):
 
 @inline
 def _by_inversion(mean, level):
+    """The smallest count at which the distribution function reaches a level in (0, 1)."""
     count = 0.0
     probability = math.exp(-mean)
-    total = probability
-    while level > total and probability > _NEVER:
+    cumulative = probability
+    while level > cumulative and probability > _NEVER:
         count += 1.0
         probability *= mean / count
-        total += probability
+        cumulative += probability
     return count
 
 
 @inline
 def _by_rejection(keys, row, column, stage, mean):
+    """A count by Hormann's algorithm PTRS, with the names of its steps and constants."""
     b = 0.931 + 2.53 * math.sqrt(mean)
     a = -0.059 + 0.02483 * b
-    inverse_alpha, squeeze = 1.1239 + 1.1328 / (b - 3.4), 0.9277 - 3.6224 / (b - 2.0)
+    inverse_alpha = 1.1239 + 1.1328 / (b - 3.4)
+    squeeze = 0.9277 - 3.6224 / (b - 2.0)
     count = mean
     for draw in range(DRAWS):
-        first, second = uniforms(keys, row, column, stage, draw)
-        first -= 0.5
-        edge = 0.5 - abs(first)
-        count = math.floor((2.0 * a / edge + b) * first + mean + 0.43)
-        if edge >= 0.07 and second <= squeeze:
+        # Step 1: a count from a transformed uniform number; most are accepted at once by the squeeze.
+        u, v = uniforms(keys, row, column, stage, draw)
+        u -= 0.5
+        u_s = 0.5 - abs(u)
+        count = math.floor((2.0 * a / u_s + b) * u + mean + 0.43)
+        if u_s >= 0.07 and v <= squeeze:
             break
-        if count < 0.0 or (edge < 0.013 and second > edge):
+        # Step 2: surely rejected
+        if count < 0.0 or (u_s < 0.013 and v > u_s):
             continue
-        bound = count * math.log(mean) - mean - math.lgamma(count + 1.0)
-        if math.log(second * inverse_alpha / (a / (edge * edge) + b)) <= bound:
+        # Step 3: accepted if below the Poisson probability
+        log_probability = count * math.log(mean) - mean - math.lgamma(count + 1.0)
+        if math.log(v * inverse_alpha / (a / (u_s * u_s) + b)) <= log_probability:
             break
     return count
 
@@ -234,7 +240,8 @@ def after_crosstalk(electrons: Float64[np.ndarray, "h w"], kernel: tuple[float, 
     edge = math.isqrt(len(kernel))
     if edge <= 1:
         return electrons
-    height, width = electrons.shape[0] - edge + 1, electrons.shape[1] - edge + 1
+    height = electrons.shape[0] - edge + 1
+    width = electrons.shape[1] - edge + 1
     result = np.zeros((height, width))
     for number, share in enumerate(kernel):
         # What goes up in the kernel comes from below: the source lies opposite to the entry.
@@ -254,15 +261,16 @@ class FixedPattern(NamedTuple):
 def fixed_pattern(spread: PatternSpread, camera: str, corner: tuple[int, int], shape: tuple[int, int]) -> FixedPattern:
     """Maps of a window of the sensor of a named camera."""
     maps = FixedPattern(np.zeros(shape), np.ones(shape), np.zeros(shape))
-    deviations, defects = (spread.dark_e, spread.response), (spread.dead_share, spread.hot_share)
+    deviations = spread.dark_e, spread.response
+    defects = spread.dead_share, spread.hot_share, spread.hot_current_e_per_s
     keys = stream(spread.specimen, camera)
-    fill_maps(deviations, (*defects, spread.hot_current_e_per_s), keys, corner, np.zeros((2, shape[1])), maps)
+    fill_maps(deviations, defects, keys, corner, np.zeros((2, shape[1])), maps)
     return maps
 
 
 @kernel
 def fill_maps(deviations, defects, keys, corner, of_columns, maps):
-    """Fill the maps of a window; `of_columns` is room for the dark signal and the response of each column."""
+    """Fill the maps of a window; `of_columns` is a buffer for the dark signal and the response of each column."""
     (pixel_dark, rows_dark, columns_dark), (pixel_response, rows_response, columns_response) = deviations
     dead_share, hot_share, hot_e_per_s = defects
     height, width = maps.dark_e.shape
@@ -287,7 +295,7 @@ def fill_maps(deviations, defects, keys, corner, of_columns, maps):
 
 @kernel
 def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPattern, of_columns, result):
-    """Fill `result` with digital numbers; `electrons` are expected ones, `of_columns` room for the noise of columns."""
+    """Fill `result` with digital numbers; `electrons` are expected ones, `of_columns` a buffer for noise of columns."""
     height, width = electrons.shape
     time_s, current = chain.dark_s_and_current
     for j in range(width):
@@ -301,7 +309,7 @@ def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPatter
             charge = electrons[i, j] * pattern.response[i, j] + (current + pattern.hot_e_per_s[i, j]) * time_s
             if chain.counts:
                 charge = poisson(keys, row, column, ELECTRONS, charge)
-            charge = _bent(chain, min(charge, chain.full_well_e))
+            charge = _with_nonlinearity(chain, min(charge, chain.full_well_e))
             charge += pattern.dark_e[i, j] + of_row + of_columns[j]
             if chain.temporal_e[0] > 0.0:
                 charge += chain.temporal_e[0] * normals(keys, row, column, DARK_NOISE)[0]
@@ -310,8 +318,8 @@ def read_out(chain: Chain, keys: Stream, corner, electrons, pattern: FixedPatter
 
 
 @inline
-def _bent(chain: Chain, charge):
-    """Signal of a charge, by the table of non-linearity [e-]."""
+def _with_nonlinearity(chain: Chain, charge):
+    """Signal of a charge, by the table of non-linearity, linear between its knots and constant beyond them [e-]."""
     knots = len(chain.nonlinear_at)
     if knots == 0:
         return charge

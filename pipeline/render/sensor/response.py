@@ -97,12 +97,12 @@ class SensorResponse:
         _require(len({value is None for value in temperatures}) == 1, "some but not all temperatures of a dark current")
 
     def _settle_filters(self) -> None:
-        count = len(self.filters)
+        filters = len(self.filters)
         channels = len(self.channels)
-        given = self.quantum_efficiency
-        _require(_is_square(count), f"{count} colour filters, which fill no square of n x n")
-        message = f"{len(given)} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
-        _require(len(given) == channels, message, f"one for each of: {', '.join(self.channels)}")
+        efficiencies = len(self.quantum_efficiency)
+        _require(_is_square(filters), f"{filters} colour filters, which fill no square of n x n")
+        message = f"{efficiencies} quantum efficiencies for {channels} channel{'s' * (channels > 1)}"
+        _require(efficiencies == channels, message, f"one for each of: {', '.join(self.channels)}")
 
     def _settle_tables(self) -> None:
         shares = [share for share, _ in self.nonlinearity]
@@ -226,9 +226,9 @@ class Irradiation:
         return self.white_level * response.saturation_e / max(response.quantum_efficiency)
 
 
-def _require(holds: bool, otherwise: str, hint: str | None = None) -> None:
-    if not holds:
-        raise SensorError(otherwise, hint=hint)
+def _require(is_true: bool, fault: str, hint: str | None = None) -> None:
+    if not is_true:
+        raise SensorError(fault, hint=hint)
 
 
 def _is_square(count: int) -> bool:
