@@ -30,35 +30,39 @@ def read_agf(path: str | Path, raw: bytes | None = None) -> dict[str, Callable[[
     is not supported. `raw`: the content of a catalogue in an archive.
     """
     # Of each glass the words of its lines, by keyword, and the number of its first line.
-    found, rows = dict[str, dict[str, list[str]]](), dict[str, list[str]]()
+    glasses = dict[str, dict[str, list[str]]]()
+    rows = dict[str, list[str]]()
     for line, text in enumerate(read_lines(path, raw), 1):
         keyword, *words = text.split() or [""]
         if keyword == "NM":
             if len(words) < 4:
                 raise UnreadableLens(path, "NM has no name, formula, number and index", line=line)
-            rows = found[words[0].casefold()] = {"line": [str(line)]}
+            rows = glasses[words[0].casefold()] = {"line": [str(line)]}
         rows[keyword] = words
-    if not found:
+    if not glasses:
         raise UnreadableLens(path, "holds no glass", hint="lines of an AGF catalogue begin with NM, CD and LD")
-    return {name: partial(_glass, path, rows) for name, rows in found.items()}
+    return {name: partial(_glass, path, rows) for name, rows in glasses.items()}
 
 
 def _glass(path: str | Path, rows: dict[str, list[str]]) -> Named:
-    line, (name, formula, _, index) = int(rows["line"][0]), rows["NM"][:4]
-    kind, stated = (number(path, line, word, f"NM of {name}") for word in (formula, index))
+    """The glass of one block of lines; UnreadableLens if its formula contradicts the index in its line NM."""
+    line = int(rows["line"][0])
+    name, formula, _, index = rows["NM"][:4]
+    kind = number(path, line, formula, f"NM of {name}")
+    nd = number(path, line, index, f"NM of {name}")
     coefficients = [number(path, line, word, f"CD of {name}") for word in rows.get("CD", ())]
     low_um, high_um = (number(path, line, word, f"LD of {name}") for word in [*rows.get("LD", ()), "0", "1e6"][:2])
     text = _text(int(kind), coefficients)
     if not text:
-        shown = f"{kind:g}, {_UNSUPPORTED.get(int(kind), 'unknown')}, which we do not have"
-        raise UnreadableLens(path, f"glass {name} has the dispersion formula {shown}", line=line)
+        reason = f"{kind:g}, {_UNSUPPORTED.get(int(kind), 'unknown')}, which we do not have"
+        raise UnreadableLens(path, f"glass {name} has the dispersion formula {reason}", line=line)
     glass = medium(glass=text, index=None, abbe=None, wavelength_nm=D_LINE_NM)
     glass = replace(glass, label=f"{name} of {Path(path).name}", min_nm=1000 * low_um, max_nm=1000 * high_um)
-    if glass.nd is not None and stated > 1 and abs(glass.nd - stated) > MAX_INDEX_DIFFERENCE:
-        reason = f"glass {name} has n_d {stated:g} in its line NM and {glass.nd:.6g} by its formula {kind:g}"
+    if glass.nd is not None and nd > 1 and abs(glass.nd - nd) > MAX_INDEX_DIFFERENCE:
+        reason = f"glass {name} has n_d {nd:g} in its line NM and {glass.nd:.6g} by its formula {kind:g}"
         raise UnreadableLens(path, reason, line=line)
-    said = f"{glass.label} is known from {glass.min_nm:g} to {glass.max_nm:g} nm, which its formula does not say"
-    return Named(medium=glass, glass=text, remark=said)
+    remark = f"{glass.label} is known from {glass.min_nm:g} to {glass.max_nm:g} nm, which its formula does not say"
+    return Named(medium=glass, glass=text, remark=remark)
 
 
 def _text(kind: int, c: list[float]) -> str:

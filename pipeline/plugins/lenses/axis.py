@@ -41,13 +41,13 @@ def frame(x_mm: float, y_mm: float, z_mm: float, *turns_deg: float) -> np.ndarra
     return rigid(turn.as_matrix(), np.array([x_mm, y_mm, z_mm]))
 
 
-def _position(there: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _position(pose: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """The point and the turns of a frame, as `frame` takes them."""
     from scipy.spatial.transform import Rotation
 
-    turns_deg = Rotation.from_matrix(there[:3, :3]).as_euler("XYZ", degrees=True)
-    point_mm, turns_deg = (tuple((np.round(values, _DIGITS) + 0.0).tolist()) for values in (there[:3, 3], turns_deg))
-    return point_mm, turns_deg
+    turns_deg = Rotation.from_matrix(pose[:3, :3]).as_euler("XYZ", degrees=True)
+    point_mm, turns_deg = (tuple((np.round(values, _DIGITS) + 0.0).tolist()) for values in (pose[:3, 3], turns_deg))
+    return point_mm, turns_deg  # + 0.0 turns -0.0 into 0.0
 
 
 def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndarray]) -> PrintedLens:
@@ -57,11 +57,12 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
     """
 
     def is_on(axis: np.ndarray, other: np.ndarray) -> bool:
-        there = inverse(axis) @ other
-        return not np.round([*there[:2, 3], *there[:2, 2]], _DIGITS).any()
+        """Whether the z axis of a frame lies on that of another."""
+        relative = inverse(axis) @ other
+        return not np.round([*relative[:2, 3], *relative[:2, 2]], _DIGITS).any()
 
-    axis = max(frames[:-1], key=lambda one: sum(is_on(one, other) for other in frames[:-1]))
-    positions = [_position(inverse(axis) @ one) for one in frames]
+    axis = max(frames[:-1], key=lambda axis: sum(is_on(axis, other) for other in frames[:-1]))
+    positions = [_position(inverse(axis) @ pose) for pose in frames]
     surfaces = []
     for i, surface in enumerate(lens.surfaces):
         (x, y, z), (*tilt_deg, roll_deg) = positions[i]
@@ -72,8 +73,8 @@ def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndar
         placed = replace(surface, thickness_mm=gap_mm, decentre_mm=(x, y), tilt_deg=(tilt_deg[0], tilt_deg[1]))
         surfaces.append(replace(placed, aperture_rotation_deg=turned_deg))
     off = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
-    shown = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
-    lost = [Lost(shown)] if off else []
+    statement = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
+    lost = [Lost(statement)] if off else []
     (x, y, _), (about_x, about_y, _) = positions[-1]
     if any((x, y, about_x, about_y)):
         statement = (
@@ -88,24 +89,25 @@ def in_order(lens: PrintedLens, is_sized: bool) -> PrintedLens:
 
     `is_sized`: whether the file has a beam from which semi-diameters are computed.
     """
-    found = list(lens.surfaces)
+    surfaces = list(lens.surfaces)
     lost = list[Lost]()
 
     def is_idle(i: int) -> bool:
-        surface = found[i]
-        near = found[max(i - 1, 0) : i + 2]
-        bends = surface.index != (found[i - 1].index if i else 1.0) or surface.focal_length_mm is not None
+        """Whether a surface can be left out: it bends nothing, is no stop, and has no width or overlaps a neighbour."""
+        surface = surfaces[i]
+        near = surfaces[max(i - 1, 0) : i + 2]
+        bends = surface.index != (surfaces[i - 1].index if i else 1.0) or surface.focal_length_mm is not None
         is_lost = surface.semi_diameter_mm is None and not is_sized
-        goes_back = any(one.thickness_mm < 0 for one in near[:-1]) or not is_possible(near)
+        goes_back = any(neighbour.thickness_mm < 0 for neighbour in near[:-1]) or not is_possible(near)
         return not bends and not surface.is_stop and (is_lost or goes_back)
 
-    while (i := next(filter(is_idle, range(len(found))), None)) is not None:
-        behind_mm = found.pop(i).thickness_mm
+    while (i := next(filter(is_idle, range(len(surfaces))), None)) is not None:
+        behind_mm = surfaces.pop(i).thickness_mm
         if i:  # the surface before it goes on to the next one
-            found[i - 1] = replace(found[i - 1], thickness_mm=found[i - 1].thickness_mm + behind_mm)
-    if count := len(lens.surfaces) - len(found):
+            surfaces[i - 1] = replace(surfaces[i - 1], thickness_mm=surfaces[i - 1].thickness_mm + behind_mm)
+    if count := len(lens.surfaces) - len(surfaces):
         lost.append(Lost(f"surfaces that bend nothing, and stand in another's way or have no width: {count} left out"))
-    if found and found[-1].thickness_mm < 0:
-        lost.append(Lost(f"the image lies {-found[-1].thickness_mm:g} mm before the last surface"))
-        found[-1] = replace(found[-1], thickness_mm=0.0)
-    return replace(lens, surfaces=tuple(found), lost=(*lens.lost, *lost)) if lost else lens
+    if surfaces and surfaces[-1].thickness_mm < 0:
+        lost.append(Lost(f"the image lies {-surfaces[-1].thickness_mm:g} mm before the last surface"))
+        surfaces[-1] = replace(surfaces[-1], thickness_mm=0.0)
+    return replace(lens, surfaces=tuple(surfaces), lost=(*lens.lost, *lost)) if lost else lens

@@ -64,6 +64,7 @@ def read_blender(path: str | Path) -> PrintedLens:
 
 
 def _surface(path: str | Path, line: int, text: str) -> PrintedSurface:
+    """A row of a lens table as a surface; UnreadableLens if its material and its index contradict each other."""
     cells = [cell.strip() for cell in text.split(";")]
     if len(cells) < len(_COLUMNS):
         raise UnreadableLens(path, f"a row has {len(cells)} columns, not {len(_COLUMNS)}", line=line)
@@ -120,7 +121,7 @@ class _Keys:
 def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCamera:
     """A camera of the add-on; by default it names the lens table, beside it or in `Lenses` there."""
     keys = _Keys(path)
-    printed = _stopped(keys, read_blender(lens or _lens_path(keys)))
+    printed = _with_aperture(keys, read_blender(lens or _lens_path(keys)))
     try:
         return PrintedCamera(
             name=Path(path).stem,
@@ -138,20 +139,21 @@ def read_blender_camera(path: str | Path, lens: Path | None = None) -> PrintedCa
 
 
 def _lens_path(keys: _Keys) -> Path:
+    """The lens table that the camera names, in its own folder or in `Lenses` within that."""
     folder = Path(keys.path).parent
     if "objective_file_name" not in keys.rows:
         reason = "names its lens by a place in a list that depends on the version of the add-on"
         raise UnreadableLens(keys.path, reason, hint="say which lens table it is: --lens FILE.csv")
     name = keys.text("objective_file_name")
-    tries = [at / f"{name}{ending}" for at in (folder, folder / "Lenses") for ending in ("", ".csv")]
-    table = next((file for file in tries if file.is_file()), None)
+    candidates = [at / f"{name}{ending}" for at in (folder, folder / "Lenses") for ending in ("", ".csv")]
+    table = next((file for file in candidates if file.is_file()), None)
     if table is None:
         line = keys.rows["objective_file_name"][0]
         raise UnreadableLens(keys.path, f'its lens "{name}" is not here', line=line, hint="say where: --lens FILE.csv")
     return table
 
 
-def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
+def _with_aperture(keys: _Keys, lens: PrintedLens) -> PrintedLens:
     """The lens, scaled, with the aperture of the camera, limited by the stop of the lens."""
     scale = keys.number("prop_objective_scale") if "prop_objective_scale" in keys.rows else 1.0
     if not scale > 0:
@@ -162,8 +164,12 @@ def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
     surfaces = []
     for surface in lens.surfaces:
         edge_mm = None if surface.semi_diameter_mm is None else scale * surface.semi_diameter_mm
-        radius_mm, thickness_mm = scale * surface.radius_mm, scale * surface.thickness_mm
-        scaled = replace(surface, radius_mm=radius_mm, thickness_mm=thickness_mm, semi_diameter_mm=edge_mm)
+        scaled = replace(
+            surface,
+            radius_mm=scale * surface.radius_mm,
+            thickness_mm=scale * surface.thickness_mm,
+            semi_diameter_mm=edge_mm,
+        )
         if surface.is_stop:
             edge_mm = min(size_mm / 2, edge_mm or math.inf)
             sides = blades if blades > 2 else 0
@@ -174,6 +180,7 @@ def _stopped(keys: _Keys, lens: PrintedLens) -> PrintedLens:
 
 
 def _sensor(keys: _Keys) -> Sensor:
+    """The sensor, whose size the add-on states in millimetres and not in pixels."""
     if "prop_pixel_size" not in keys.rows:
         raise UnreadableLens(keys.path, "has no prop_pixel_size, as older files", hint="add prop_pixel_size;0.01 (mm)")
     pitch_mm = keys.number("prop_pixel_size")
@@ -184,6 +191,7 @@ def _sensor(keys: _Keys) -> Sensor:
 
 
 def _microlenses(keys: _Keys) -> MicrolensArray | None:
+    """The microlens array, None if the file switches it off."""
     if keys.text("prop_mla_enabled") != "True":
         return None
     kind = keys.text("prop_mla_type")
@@ -201,6 +209,7 @@ def _microlenses(keys: _Keys) -> MicrolensArray | None:
 
 
 def _lost(keys: _Keys) -> list[Lost]:
+    """Settings of the camera that have no counterpart here, or that are not read."""
     lost = []
     for key in ("prop_focus_distance", "prop_focal_distance"):
         if key in keys.rows:

@@ -50,6 +50,8 @@ DLF DLR DLC DLT DLN DLV DLH DLS DLX DLY DLZ DLA DLB DLG CYD CYN IRR TIR TIL TRX 
 
 @dataclass(slots=True)
 class _Row:
+    """A surface as the commands so far describe it, in the unit of the file."""
+
     line: int = 0
     shape: float = 0.0
     is_radius: bool | None = None  # or a curvature; None where the file has not said it
@@ -89,6 +91,7 @@ class _Sequence:
         self.lost: list[Lost] = []
 
     def obey(self, line: int, words: list[str]) -> None:
+        """Read a command: its name, addresses and values."""
         name = words[0].upper()
         name = name[:3] if name.isalpha() else name  # TITLE and STOP are TIT and STO
         positions = [int(word[1:]) for word in words[1:] if re.fullmatch(r"[Zz]\d{1,4}", word)]
@@ -127,6 +130,7 @@ class _Sequence:
         self.lost.append(Lost(statement, line))
 
     def _setting(self, line: int, name: str, values: list[str]) -> None:
+        """A command about the system; UnreadableLens for one that may change the lens and is not read."""
         is_zero = bool(values) and not any(value.strip("+-0.") for value in values)
         if name in ("EPD", "FNO"):
             value = number(self.path, line, " ".join(values), name)
@@ -134,9 +138,9 @@ class _Sequence:
             self.beam.stated = f"{name} {value:g}"
             self.beam.line = line
         elif name in self.lists:
-            one = re.fullmatch(r"[FfWw]([1-9]\d?)", values[0]) if values else None  # of one field or wavelength
-            start, end = (int(one[1]) - 1, int(one[1])) if one else (0, None)
-            self.lists[name][start:end] = self.numbers(line, name, values[1:] if one else values)
+            single = re.fullmatch(r"[FfWw]([1-9]\d?)", values[0]) if values else None  # of one field or wavelength
+            start, end = (int(single[1]) - 1, int(single[1])) if single else (0, None)
+            self.lists[name][start:end] = self.numbers(line, name, values[1:] if single else values)
         elif name in _NAMED:
             if not is_zero and (name, *values) not in (("TEM", "20"), ("TEM", "20.0")):
                 self.lose(line, f"{name}: {_NAMED[name]}")
@@ -155,10 +159,11 @@ class _Sequence:
             self.obey(line, values[: first + 1])
 
     def _surface(self, line: int, name: str, values: list[str]) -> None:
+        """Begin a surface: `S`, its radius or curvature, thickness and glass."""
         if name[1:] not in ("", "O", "I", "0", f"{len(self.rows)}"):
             raise UnreadableLens(self.path, f"{name} stands where S{len(self.rows)} is due", line=line)
-        far = [f"{_FAR}" if value.upper() in ("INF", "INFINITY") else value for value in values[1:2]]
-        shape, thickness = [*self.numbers(line, name, [*values[:1], *far]), 0.0][:2]
+        thicknesses = [f"{_FAR}" if value.upper() in ("INF", "INFINITY") else value for value in values[1:2]]
+        shape, thickness = [*self.numbers(line, name, [*values[:1], *thicknesses]), 0.0][:2]
         glass = " ".join(values[2:])
         self.current = _Row(line=line, shape=shape, thickness=thickness, is_radius=self.is_radius, glass=glass)
         if name in ("SO", "S0"):
@@ -169,21 +174,22 @@ class _Sequence:
             self.rows.append(self.current)
 
     def _of_surface(self, line: int, name: str, values: list[str]) -> None:
-        row, rest = self._addressed(line, name, values)
+        """A command about the addressed surface."""
+        row, words = self._addressed(line, name, values)
         if name == "STO":
             for other in self.rows:
                 other.is_stop = other is row
         elif name == "GLA":
-            row.glass = " ".join(rest)
+            row.glass = " ".join(words)
             row.line = line
         elif name in _MODES:
             row.mode = name
         elif name in _EDGES:
-            self._edge(line, row, name, rest)
-        elif rest and rest[0].isalpha():
-            self.lose(line, f"{name} {rest[0].upper()}: {_SOLVE}")
+            self._edge(line, row, name, words)
+        elif words and words[0].isalpha():
+            self.lose(line, f"{name} {words[0].upper()}: {_SOLVE}")
         else:
-            self._assign(line, row, name, number(self.path, line, " ".join(rest), name))
+            self._assign(line, row, name, number(self.path, line, " ".join(words), name))
 
     def _assign(self, line: int, row: _Row, name: str, value: float) -> None:
         if name in ("THI", "K"):
@@ -196,12 +202,12 @@ class _Sequence:
         else:
             row.displaced[name] = value
 
-    def _edge(self, line: int, row: _Row, name: str, rest: list[str]) -> None:
+    def _edge(self, line: int, row: _Row, name: str, words: list[str]) -> None:
         """An aperture: clear, or with a qualifier an edge, a hole or an obstruction; L'a' is its label."""
-        kind, *_ = [word for word in map(str.upper, rest[:1]) if word in ("CLR", "EDG", "OBS", "HOL")] or [""]
-        rest = rest[1:] if kind else rest
-        rest = rest[2:] if rest[:1] in (["L"], ["l"]) else rest
-        value = number(self.path, line, " ".join(rest), name)
+        kind, *_ = [word for word in map(str.upper, words[:1]) if word in ("CLR", "EDG", "OBS", "HOL")] or [""]
+        words = words[1:] if kind else words
+        words = words[2:] if words[:1] in (["L"], ["l"]) else words
+        value = number(self.path, line, " ".join(words), name)
         if name == "CIR" and kind == "OBS":
             row.inner = value
         elif kind in ("OBS", "HOL"):
@@ -219,10 +225,10 @@ class _Sequence:
         """The surface that a command refers to, named as S3, SO, SI or else the current one, and the other words."""
         word = values[0].upper() if values else ""
         row = self.current
-        rest = values[1:]
+        words = values[1:]
         surface = int(word[1:]) if re.fullmatch(r"S\d{1,6}", word) else 0 if word == "SO" else len(self.rows)
         if not re.match(r"S($|\d|A$|[OI])", word):
-            rest = values
+            words = values
         elif surface < len(self.rows):
             row = self.rows[surface]
         elif word in ("SI", f"S{len(self.rows)}"):
@@ -231,7 +237,7 @@ class _Sequence:
             row = _Row()
         if not row.line:
             raise UnreadableLens(self.path, f"{name} {word}: there is no surface of that name yet", line=line)
-        return row, rest
+        return row, words
 
 
 def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
@@ -240,8 +246,7 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
     for line, words in _commands(read_lines(path)):
         sequence.obey(line, words)
     first = sequence.rows[0]
-    image = sequence.image
-    beam = sequence.beam
+    image, beam = sequence.image, sequence.beam
     if len(sequence.rows) == 1:
         raise UnreadableLens(path, "holds no surfaces")
     if first.glass.upper() not in ("", "AIR"):
@@ -263,9 +268,8 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
     if sequence.unit_mm is None:
         sequence.lose(None, "no DIM: lengths are millimetres, CODE V's default")
     rows = list(enumerate(sequence.rows[1:], 1))
-    wavelengths = dict(enumerate(sequence.wavelengths, 1))
     media = [_medium(sequence, surface, row) for surface, row in rows]
-    nm = glasses.wavelength_nm(media, wavelengths.get(int(sequence.reference[0])))
+    nm = glasses.wavelength_nm(media, dict(enumerate(sequence.wavelengths, 1)).get(int(sequence.reference[0])))
     for (surface, row), named in zip(rows, media, strict=True):
         row.medium = glasses.printed(row.line, surface, named, nm)
     sequence.lost += [*other_wavelengths(sequence.wavelengths, nm), *glasses.finish()]
@@ -276,11 +280,11 @@ def _decided(sequence: _Sequence) -> PrintedLens:
     """The lens with curvatures, CODE V's default without RDM, or with radii if curvatures make surfaces cross."""
     if all(row.is_radius is not None for row in sequence.rows[1:] if row.shape):
         return _lens(sequence, is_radius=True)
-    for is_radius, said in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
+    for is_radius, name in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
         with suppress(UnreadableLens):
             lens = _lens(sequence, is_radius)
             if is_possible(lens.surfaces):
-                return replace(lens, lost=(Lost(f"no RDM: the numbers of surfaces are {said}"), *lens.lost))
+                return replace(lens, lost=(Lost(f"no RDM: the numbers of surfaces are {name}"), *lens.lost))
     return _lens(sequence, is_radius=False)
 
 
@@ -292,8 +296,8 @@ def _lens(sequence: _Sequence, is_radius: bool) -> PrintedLens:
     lens = PrintedLens(name=sequence.title or Path(path).stem, surfaces=surfaces, lost=tuple(sequence.lost))
     if any(any(row.displaced.values()) for row in (*sequence.rows[1:], sequence.image)):
         lens = about_one_axis(path, lens, _frames(sequence, unit_mm))
-    lens = sized(path, lens, sequence.beam, unit_mm)
-    return opened(path, lens, sequence.beam, unit_mm, has_ring=True)  # CIR blocks rays
+    # CIR blocks rays
+    return opened(path, sized(path, lens, sequence.beam, unit_mm), sequence.beam, unit_mm, has_ring=True)
 
 
 def _frames(sequence: _Sequence, unit_mm: float) -> list[np.ndarray]:
@@ -303,21 +307,21 @@ def _frames(sequence: _Sequence, unit_mm: float) -> list[np.ndarray]:
     on from there, with DAR from the old axis; with REV the turn back comes behind the surface, in reverse order.
     """
     pose = np.eye(4)
-    found = []
+    frames = []
     for row in (*sequence.rows[1:], sequence.image):
         x, y, z, alpha, beta, gamma = (row.displaced.get(name, 0.0) for name in _DISPLACED)
         if row.mode == "BEN" and any(row.displaced.values()):
             raise UnreadableLens(sequence.path, "BEN: only mirrors bend the axis", line=row.line)
-        there = frame(x * unit_mm, y * unit_mm, z * unit_mm, -alpha, -beta, gamma)
-        found.append(pose if row.mode == "REV" else pose @ there)
-        pose = pose @ inverse(there) if row.mode == "REV" else pose if row.mode == "DAR" else pose @ there
+        step = frame(x * unit_mm, y * unit_mm, z * unit_mm, -alpha, -beta, gamma)
+        frames.append(pose if row.mode == "REV" else pose @ step)
+        pose = pose @ inverse(step) if row.mode == "REV" else pose if row.mode == "DAR" else pose @ step
         pose = pose @ frame(0.0, 0.0, row.thickness * unit_mm)
-    return found
+    return frames
 
 
 def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
     """Commands with their lines: `;` separates, `&` continues, `!` begins a comment, quotes hold words together."""
-    pending, start = "", 0
+    pending, start = "", 0  # text and first line of a command that goes on
     for i, text in enumerate(lines, 1):
         body = re.sub(r"""('[^']*'|"[^"]*")|!.*""", lambda match: match[1] or "", text).rstrip()
         start = start or i
@@ -332,6 +336,7 @@ def _commands(lines: list[str]) -> Iterator[tuple[int, list[str]]]:
 
 
 def _printed(sequence: _Sequence, surface: int, row: _Row, is_radius: bool) -> PrintedSurface:
+    """A surface in millimetres; UnreadableLens if it cannot be represented."""
     unit_mm = sequence.unit_mm or 1.0
     is_radius = is_radius if row.is_radius is None else row.is_radius
     curvature = 1 / row.shape if is_radius and row.shape else row.shape

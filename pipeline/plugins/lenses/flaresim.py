@@ -52,9 +52,9 @@ def read_flaresim(path: str | Path, apertures: str | None = None) -> PrintedLens
         nominal_bfd_mm=surfaces[-1].thickness_mm if surfaces[-1].thickness_mm > 0 else None,
     )
     _check_stop(path, file, lens)
-    chosen, why = (apertures, "as told") if apertures else meaning_of(path, lens, file.f_number)
-    lens = scaled(lens, chosen)
-    decided = Lost(f"the column semi_ap was read as {chosen} ({why})")
+    meaning, rule = (apertures, "as told") if apertures else meaning_of(path, lens, file.f_number)
+    lens = scaled(lens, meaning)
+    decided = Lost(f"the column semi_ap was read as {meaning} ({rule})")
     last = file.rows[-1][0]
     stated = {"bfd_mm": lens.nominal_bfd_mm, "f_number": file.f_number}
     return replace(lens, lost=(decided, *remarks(lens, **stated, without_aspheres=True, line=last)))
@@ -71,9 +71,9 @@ def meaning_of(path: str | Path, lens: PrintedLens, f_number: float | None) -> t
     reason = "its column semi_ap can be diameters, as in most such files, or semi-diameters"
     if by_shape:
         computed = figures(scaled(lens, by_shape))
-        gives = f"f/{abs(computed.f_number):.3g}" if computed else "no F-number"
+        f_text = f"f/{abs(computed.f_number):.3g}" if computed else "no F-number"
         reason += (
-            f": as semi-diameters surfaces would cross, as diameters the stop gives {gives} in place of f/{f_number:g}"
+            f": as semi-diameters surfaces would cross, as diameters the stop gives {f_text} in place of f/{f_number:g}"
         )
     raise UnreadableLens(path, reason, hint="say which: --apertures diameter or --apertures semi-diameter")
 
@@ -86,6 +86,7 @@ def scaled(lens: PrintedLens, meaning: str) -> PrintedLens:
 
 
 def _parsed(path: str | Path) -> _File:
+    """Comments, settings and rows of a file."""
     file = _File([], {}, [])
     begun = False
     for line, text in enumerate(read_lines(path), 1):
@@ -107,6 +108,7 @@ def _parsed(path: str | Path) -> _File:
 
 
 def _surface(path: str | Path, line: int, cells: list[str]) -> PrintedSurface:
+    """A row as a surface whose semi-diameter is the unscaled number of the file."""
     if len(cells) not in (len(_COLUMNS) - 1, len(_COLUMNS)):
         raise UnreadableLens(
             path, f"a row has {len(cells)} columns, not {len(_COLUMNS)}: {' '.join(_COLUMNS)}", line=line
@@ -127,6 +129,7 @@ def _surface(path: str | Path, line: int, cells: list[str]) -> PrintedSurface:
 
 
 def _check_stop(path: str | Path, file: _File, lens: PrintedLens) -> None:
+    """UnreadableLens unless exactly one row is the stop, with the focal length of the rows without one."""
     stops = [line for (line, _), surface in zip(file.rows, lens.surfaces, strict=True) if surface.is_stop]
     if len(stops) == 1:
         return
@@ -135,17 +138,18 @@ def _check_stop(path: str | Path, file: _File, lens: PrintedLens) -> None:
         raise UnreadableLens(path, reason, line=stops[1], hint="write 0 for the radius of the others")
     first = replace(lens, surfaces=(replace(lens.surfaces[0], is_stop=True), *lens.surfaces[1:]))
     computed = figures(scaled(first, "diameter"))
-    has = f"; without one the rows have the focal length {computed.efl_mm:.6g} mm" if computed else ""
-    has += f", and {lens.nominal_efl_mm:g} mm is stated" if computed and lens.nominal_efl_mm else ""
+    lengths = f"; without one the rows have the focal length {computed.efl_mm:.6g} mm" if computed else ""
+    lengths += f", and {lens.nominal_efl_mm:g} mm is stated" if computed and lens.nominal_efl_mm else ""
     raise UnreadableLens(
         path,
-        f"has no stop{has}",
+        f"has no stop{lengths}",
         hint='add its row (radius "stop", space behind it) from the source, and the space before it: converters drop'
         " both where they cannot read the row",
     )
 
 
 def _has_f_number(lens: PrintedLens, f_number: float | None) -> bool:
+    """Whether the lens has that F-number, within the tolerance."""
     computed = figures(lens)
     if computed is None or not f_number:
         return False

@@ -33,22 +33,22 @@ class Glasses:
             name, _, other = text.partition("=")
             if not (name and other):
                 raise UsageError(f"--glass {text}", hint="write NAME=vendor:OTHER, as in BK7=schott:N-BK7")
-            found = self._chosen.get(other.casefold(), partial(named, other))()
-            said = ": ".join(filter(None, (f"{name} is replaced by {other}", found.remark)))
-            self._chosen[name.casefold()] = partial(replace, found, remark=said)
+            substitute = self._chosen.get(other.casefold(), partial(named, other))()
+            remark = ": ".join(filter(None, (f"{name} is replaced by {other}", substitute.remark)))
+            self._chosen[name.casefold()] = partial(replace, substitute, remark=remark)
             self._unused[name.casefold()] = name
 
     def of(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
         """The medium of a name or code, in the catalogues that a file names; air for one that `finish` will refuse."""
         self._unused.pop(name.casefold(), None)
         try:
-            found = self._chosen.get(name.casefold(), partial(named, name, catalogues))()
+            glass = self._chosen.get(name.casefold(), partial(named, name, catalogues))()
         except PipelineError as error:
             if name.casefold() not in self.packed:
                 return self._refused(name, line, surface, error)
-            found = self.packed[name.casefold()]()
-        self.remark(line, surface, found.remark)
-        return found
+            glass = self.packed[name.casefold()]()
+        self.remark(line, surface, glass.remark)
+        return glass
 
     def model(self, line: int, surface: int, numbers: tuple[float, float | None], name: str = "") -> Named:
         """A glass of which the file states n_d and V_d; UnreadableLens for numbers that no medium has."""
@@ -65,14 +65,14 @@ class Glasses:
     @staticmethod
     def wavelength_nm(media: Sequence[Named], primary_nm: float | None) -> float | None:
         """The wavelength of a lens of these media: that of its file, if one has no index at the d line, else None."""
-        return None if all(one.medium.nd is not None for one in media) else primary_nm
+        return None if all(glass.medium.nd is not None for glass in media) else primary_nm
 
-    def printed(self, line: int, surface: int, one: Named, nm: float | None) -> tuple[float, float | None, str]:
+    def printed(self, line: int, surface: int, glass: Named, nm: float | None) -> tuple[float, float | None, str]:
         """Index at a wavelength, by default the d line, with Abbe number and name; air if `finish` will refuse it."""
         try:
-            return one.printed(nm)
+            return glass.printed(nm)
         except PipelineError as error:
-            return self._refused(one.glass, line, surface, error).printed(nm)
+            return self._refused(glass.glass, line, surface, error).printed(nm)
 
     def finish(self) -> list[Lost]:
         """Remarks on substitutions; UnreadableLens with all unknown glasses."""
@@ -87,6 +87,7 @@ class Glasses:
         ]
 
     def _refused(self, name: str, line: int, surface: int, error: PipelineError) -> Named:
-        said = f"surface {surface}, line {line}: {error.message}" + (f", {error.hint}" if error.hint else "")
-        self._unknown.setdefault(name.casefold(), said)
+        """Air, for a glass that is refused in the error of `finish`."""
+        reason = f"surface {surface}, line {line}: {error.message}" + (f", {error.hint}" if error.hint else "")
+        self._unknown.setdefault(name.casefold(), reason)
         return AIR

@@ -48,10 +48,13 @@ def read_libpleno(path: str | Path) -> PrintedCamera:
 
 
 def _camera(path: str | Path, file: Json) -> PrintedCamera:
-    lens, size = file["main_lens"], file["sensor"]
-    focal_mm, pitch_mm = _finite(lens["f"]), _finite(size["scale"])
-    width_px, height_px = int(size["width"]), int(size["height"])
-    corner = _vector(size["pose"])
+    """The camera, with the centre of its sensor from the pose of the corner; KeyError and so on for missing values."""
+    lens = file["main_lens"]
+    chip = file["sensor"]
+    focal_mm = _finite(lens["f"])
+    pitch_mm = _finite(chip["scale"])
+    width_px, height_px = int(chip["width"]), int(chip["height"])
+    corner = _vector(chip["pose"])
     centre = [c + pitch_mm * (n - 1) / 2 for c, n in zip(corner, (width_px, height_px), strict=False)]
     sensor = Sensor(
         width_px=width_px, height_px=height_px, pitch_mm=pitch_mm, offset_x_mm=centre[0], offset_y_mm=centre[1]
@@ -72,6 +75,7 @@ def _camera(path: str | Path, file: Json) -> PrintedCamera:
 
 
 def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) -> tuple[MicrolensArray, list[Lost]]:
+    """The microlens array about its middle microlens, and losses; `sensor_mm` is the distance of the sensor."""
     mesh = file["mla"]["mesh"]
     focal = [_finite(f) for f in file["mla"].get("focal_lengths", ())]
     layout = _LAYOUTS.get(int(mesh["geometry"]))
@@ -103,8 +107,8 @@ def _array(path: str | Path, file: Json, centre: list[float], sensor_mm: float) 
         **_types(layout, columns, rows, focal),
     )
     # The first of our rows, or columns, ends like theirs; whether the next one does depends on which is shifted.
-    shifted, count = (middle[1], columns) if layout == "hexagonal" else (middle[0], rows)
-    if layout == "square" or (shifted + count) % 2 == 0:
+    middle_line, count = (middle[1], columns) if layout == "hexagonal" else (middle[0], rows)
+    if layout == "square" or (middle_line + count) % 2 == 0:
         return array, []
     line = "row" if layout == "hexagonal" else "column"
     return array, [Lost(f"the outermost microlens of every other {line} is at its other end")]
@@ -143,12 +147,13 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
     if count == 1:
         return {"focal_lengths_mm": tuple(focal)}
 
-    def theirs(k: int, l: int) -> int:
+    def type_of(k: int, l: int) -> int:
+        """Number of the type of micro-image (k, l) in the file."""
         across, along = (l, k) if layout == "hexagonal" else (k, l)
         return (across % (count - 1) + along) % count
 
     if layout == "square":
-        table = [theirs(middle[0] + k, middle[1] + l) for l in range(count) for k in range(count - 1)]
+        table = [type_of(middle[0] + k, middle[1] + l) for l in range(count) for k in range(count - 1)]
         return {
             "focal_lengths_mm": tuple(focal),
             "type_table": tuple(table),
@@ -156,7 +161,7 @@ def _types(layout: str, columns: int, rows: int, focal: list[float]) -> Json:
         }
     # Neighbours along a row, or down a column, have our types 0, 1, 2 one after the other.
     steps = [(step, 0) if layout == "hexagonal" else (0, -step) for step in range(3)]
-    return {"focal_lengths_mm": tuple(focal[theirs(middle[0] + k, middle[1] + l)] for k, l in steps)}
+    return {"focal_lengths_mm": tuple(focal[type_of(middle[0] + k, middle[1] + l)] for k, l in steps)}
 
 
 def _finite(text: Any) -> float:
@@ -177,6 +182,7 @@ def _rotation(pose: Json) -> list[list[float]]:
 
 
 def _lost(file: Json) -> list[Lost]:
+    """Parts of the calibration that an ideal thin lens does not have."""
     brown = file.get("distortions", {})
     numbers = [
         _finite(value) for key in ("radial", "tangential", "depth") for row in brown.get(key, ()) for value in row

@@ -61,30 +61,30 @@ def named(name: str, catalogues: Sequence[str] = ()) -> Named:
     """
     if numbers := _coded(name):
         close = nearest(*numbers, MAX_INDEX_DIFFERENCE, MAX_ABBE_DIFFERENCE)[:1]
-        near = "".join(f"; the nearest glass is {listed([glass])}{_apart(glass, *numbers)}" for glass in close)
-        said = f"{name} is read as the normal line through {numbers[0]:g}/{numbers[1]:g}{near}"
-        return replace(model(*numbers), remark=said)
+        near = "".join(f"; the nearest glass is {listed([glass])}{_differences(glass, *numbers)}" for glass in close)
+        remark = f"{name} is read as the normal line through {numbers[0]:g}/{numbers[1]:g}{near}"
+        return replace(model(*numbers), remark=remark)
     # Glasses of that name, those of the named catalogues first.
     vendor, _, bare = name.rpartition(":")
     makers = [vendor.casefold()] if vendor else [maker(text) for text in catalogues]
-    every = [one for one in _entries(bare) if vendor or one.maker != _MATERIAL]
-    own = sorted((one for one in every if one.maker in makers), key=lambda one: makers.index(one.maker))
-    if not own and (vendor or not every):
-        near = ", ".join(_shown(_entries(key)[0]) for key in difflib.get_close_matches(_plain(bare), _rows(), _NEAR, 0))
+    glasses = [glass for glass in _entries(bare) if vendor or glass.maker != _MATERIAL]
+    own = sorted((glass for glass in glasses if glass.maker in makers), key=lambda glass: makers.index(glass.maker))
+    if not own and (vendor or not glasses):
+        near = ", ".join(_label(_entries(key)[0]) for key in difflib.get_close_matches(_plain(bare), _rows(), _NEAR, 0))
         raise GlassError(f'no glass "{name}" is known', hint=f"near names: {near}", code="unknown-glass")
     # Other makers' glasses of that name, if they are no copies of it.
-    first, *alternatives = own or every
-    rivals = ", ".join(dict.fromkeys(_shown(one) for one in alternatives if _differ(one.medium, first.medium)))
+    first, *alternatives = own or glasses
+    rivals = ", ".join(dict.fromkeys(_label(glass) for glass in alternatives if _differ(glass.medium, first.medium)))
     if rivals and not own:
-        message = f'"{name}" is a glass of several makers: {_shown(first)}, {rivals}'
+        message = f'"{name}" is a glass of several makers: {_label(first)}, {rivals}'
         raise GlassError(message, code="ambiguous-glass")
-    said = first.remark
+    remark = first.remark
     if rivals:
-        said = f"{name} is taken from the first of the file's catalogues, {_shown(first)}; it is also {rivals}"
-    elif not own and (catalogues or alternatives) and not said:
-        why = "is in no catalogue that the file names" if catalogues else "is a glass of several makers that agree"
-        said = f"{name} {why}; taken is {_shown(first)}"
-    return replace(first, remark=said)
+        remark = f"{name} is taken from the first of the file's catalogues, {_label(first)}; it is also {rivals}"
+    elif not own and (catalogues or alternatives) and not remark:
+        reason = "is in no catalogue that the file names" if catalogues else "is a glass of several makers that agree"
+        remark = f"{name} {reason}; taken is {_label(first)}"
+    return replace(first, remark=remark)
 
 
 def maker(text: str) -> str:
@@ -108,10 +108,10 @@ def _entries(bare: str) -> list[Named]:
     """Glasses of a name in the catalogue and in the table of names; hyphens count only if a name matches exactly."""
     rows = _rows().get(_plain(bare), [])
     exact = [entry for entry in rows if entry["glass"].casefold() == bare.casefold()]
-    return list(map(_of_row, exact or rows))
+    return list(map(_glass_of_row, exact or rows))
 
 
-def _of_row(entry: dict[str, str]) -> Named:
+def _glass_of_row(entry: dict[str, str]) -> Named:
     """The glass of a row of either table: itself, its substitute, or the normal line through its numbers."""
     name, vendor = entry["glass"], entry["vendor"]
     if "stands" not in entry:
@@ -121,15 +121,15 @@ def _of_row(entry: dict[str, str]) -> Named:
     whose = f"{name} of {vendor}" if vendor else name
     if nd and not entry["stands"]:
         numbers, line = (f"{nd:.5f}/{vd:.2f}", "the normal line through these") if vd else (f"{nd:g}", "no dispersion")
-        said = f"{whose} ({numbers}) has no formula here and gets {line}"
-        return replace(model(nd, vd, name), remark=said, maker=vendor)
-    stands = fluid(entry["stands"]) if entry["stands"] in FLUIDS else find(entry["stands"])
-    apart = f" ({nd:.5f}/{vd:.2f}){_apart(stands, nd, vd)}" if nd and vd else ""
-    said = f"{listed([stands])} stands for {whose}{apart}"
-    return Named(medium=stands, glass=stands.label, remark=said, maker=vendor)
+        remark = f"{whose} ({numbers}) has no formula here and gets {line}"
+        return replace(model(nd, vd, name), remark=remark, maker=vendor)
+    substitute = fluid(entry["stands"]) if entry["stands"] in FLUIDS else find(entry["stands"])
+    differences = f" ({nd:.5f}/{vd:.2f}){_differences(substitute, nd, vd)}" if nd and vd else ""
+    remark = f"{listed([substitute])} stands for {whose}{differences}"
+    return Named(medium=substitute, glass=substitute.label, remark=remark, maker=vendor)
 
 
-def _apart(glass: Medium, nd: float, vd: float) -> str:
+def _differences(glass: Medium, nd: float, vd: float) -> str:
     """Differences of n_d and V_d of a glass from stated values, in words; empty if it lacks either."""
     if glass.nd is None or glass.vd is None:
         return ""
@@ -137,12 +137,13 @@ def _apart(glass: Medium, nd: float, vd: float) -> str:
 
 
 def _differ(one: Medium, other: Medium) -> bool:
-    dn, dv = (one.nd or 0) - (other.nd or 0), (one.vd or 0) - (other.vd or 0)
+    dn = (one.nd or 0) - (other.nd or 0)
+    dv = (one.vd or 0) - (other.vd or 0)
     return abs(dn) > MAX_INDEX_DIFFERENCE or abs(dv) > MAX_ABBE_DIFFERENCE
 
 
-def _shown(one: Named) -> str:
-    return listed([one.medium]) + (f" of {one.maker}" if one.maker and ":" not in one.medium.label else "")
+def _label(glass: Named) -> str:
+    return listed([glass.medium]) + (f" of {glass.maker}" if glass.maker and ":" not in glass.medium.label else "")
 
 
 def _plain(name: str) -> str:

@@ -71,10 +71,10 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
         raise UnreadableLens(path, reason, line=stops[1] if stops else None, hint=hint)
     surfaces = _with_aspheres(bench, surfaces, [cells[0] for _, cells in rows])
     last = surfaces[-1].thickness_mm
-    said = {cells[0]: cells[1:] for _, cells in bench.rows("descriptive data")}
+    texts = {cells[0]: cells[1:] for _, cells in bench.rows("descriptive data")}
     lens = PrintedLens(
-        name=" ".join(said.get("title", ())).strip() or Path(path).stem,
-        provenance=tuple(" ".join(cells).strip() for name, cells in said.items() if name == "patent" and any(cells)),
+        name=" ".join(texts.get("title", ())).strip() or Path(path).stem,
+        provenance=tuple(" ".join(cells).strip() for name, cells in texts.items() if name == "patent" and any(cells)),
         surfaces=tuple(surfaces),
         nominal_efl_mm=bench.value("Focal Length"),
         nominal_bfd_mm=last if last > 0 else None,
@@ -84,6 +84,7 @@ def read_optical_bench(path: str | Path, scenario: int | None = None) -> Printed
 
 
 def _split(bench: _Bench) -> None:
+    """Collect the rows of each section; UnreadableLens for one that changes the lens and is not read."""
     rows: list[_Row] | None = None
     for line, text in enumerate(read_lines(bench.path), 1):
         cells = [cell.strip() for cell in text.split("\t")]
@@ -98,7 +99,7 @@ def _split(bench: _Bench) -> None:
             rows.append((line, cells))
 
 
-def _choose(bench: _Bench, asked: int | None) -> None:
+def _choose(bench: _Bench, number: int | None) -> None:
     """Check the scenario; report it where the file has several, and where its object is near."""
     rows = {cells[0]: (line, [cell for cell in cells[1:] if cell]) for line, cells in bench.rows("variable distances")}
     line, lengths = rows.get("Focal Length", (None, []))
@@ -106,9 +107,9 @@ def _choose(bench: _Bench, asked: int | None) -> None:
     if bench.scenario not in range(count):
         reason = f"has no scenario {bench.scenario + 1}; its [variable distances] have {count}"
         raise UnreadableLens(bench.path, reason, line=line, hint=f"--scenario 1 to {count}")
-    if count > 1 and asked is None:
-        shown = ", ".join(lengths) or "not stated"
-        statement = f"scenario 1 of {count} was read (focal lengths {shown}); --scenario takes another"
+    if count > 1 and number is None:
+        lengths_text = ", ".join(lengths) or "not stated"
+        statement = f"scenario 1 of {count} was read (focal lengths {lengths_text}); --scenario takes another"
         bench.lost.append(Lost(statement, line))
     if (near_mm := bench.value("d0")) is not None:
         statement = f"the scenario is focused on an object {near_mm:g} mm away; a rig of this lens has its own focus"
@@ -116,6 +117,7 @@ def _choose(bench: _Bench, asked: int | None) -> None:
 
 
 def _surface(bench: _Bench, line: int, cells: list[str]) -> PrintedSurface:
+    """A row of the lens data as a surface."""
     cells = cells + [""] * (8 - len(cells))
     shape, space, index, diameter, abbe, glass, vendor = cells[1:8]
     is_stop = shape.upper() == _STOP
@@ -148,6 +150,7 @@ def _space_mm(bench: _Bench, line: int, text: str) -> float:
 
 
 def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]) -> list[PrintedSurface]:
+    """The surfaces with the conics and even or odd terms of their section."""
     shaped = list(surfaces)
     counts = [(line, cells) for line, cells in bench.rows("constants") if cells[0] == "AsphericalOddCount"]
     odd = next((int(number(bench.path, line, cells[1], cells[0])) for line, cells in counts if len(cells) > 1), 0)
@@ -157,7 +160,8 @@ def _with_aspheres(bench: _Bench, surfaces: list[PrintedSurface], ids: list[str]
     for line, cells in bench.rows("aspherical data"):
         if cells[0] not in ids:
             raise UnreadableLens(bench.path, f'[aspherical data] of "{cells[0]}", which is no surface', line=line)
-        i, (_, radius, *terms) = ids.index(cells[0]), cells + [""] * (2 - len(cells))
+        i = ids.index(cells[0])
+        _, radius, *terms = cells + [""] * (2 - len(cells))
         numbers = [bench.number(line, cell, "a coefficient") or 0.0 for cell in terms]
         radius_mm = math.inf if radius.upper() in _FLAT else number(bench.path, line, radius, "the radius")
         if not math.isclose(radius_mm, surfaces[i].radius_mm, rel_tol=_SAME_RADIUS):

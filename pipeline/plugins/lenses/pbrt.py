@@ -19,14 +19,14 @@ def read_pbrt(path: str | Path, spacing: str | None = None) -> PrintedLens:
     """A lens from a `.dat` file; the meaning of its second column, `spacing`, is by default decided by numbers."""
     comments, nominal_mm, rows = _parsed(path)
     surfaces = _with_stop(path, rows)
-    chosen, why = (spacing, "as told") if spacing else spacing_of(path, surfaces)
+    meaning, rule = (spacing, "as told") if spacing else spacing_of(path, surfaces)
     name = comments[0].strip(" \"'.") if comments and comments[0].strip() else Path(path).stem
-    lost = [Lost(f"thicknesses were read as the space {chosen} each surface ({why})")]
+    lost = [Lost(f"thicknesses were read as the space {meaning} each surface ({rule})")]
     lost.append(Lost("pbrt files state no wavelength for their indices and no dispersion; taken as the d line"))
     return PrintedLens(
         name=name,
         provenance=tuple(line.strip() for line in comments[1:] if line.strip(" -=#")),
-        surfaces=tuple(_shifted(surfaces) if chosen == "before" else surfaces),
+        surfaces=tuple(_shifted(surfaces) if meaning == "before" else surfaces),
         nominal_efl_mm=nominal_mm,
         lost=tuple(lost),
     )
@@ -59,6 +59,7 @@ def spacing_of(path: str | Path, surfaces: list[PrintedSurface]) -> tuple[str, s
 
 
 def _parsed(path: str | Path) -> tuple[list[str], float | None, list[tuple[int, list[float]]]]:
+    """Comments, focal length if stated, and rows with their lines."""
     comments: list[str] = []
     nominal_mm = None
     rows: list[tuple[int, list[float]]] = []

@@ -51,16 +51,16 @@ def read_lens(
     Raises UnreadableLens: the lens cannot be represented.
     """
     kind = _kind(path)
-    given = next((value for value in beam.values() if value is not None), None)
-    for words, value, only in (
+    beam_value = next((value for value in beam.values() if value is not None), None)
+    for reason, value, kinds in (
         ("--spacing is for lens tables of pbrt (.dat)", spacing, (".dat",)),
         ("--apertures is for lenses of FlareSim (.lens)", apertures, (".lens",)),
         ("--scenario is for texts of the Optical Bench", scenario, (_BENCH,)),
-        ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", given, (_TABLE,)),
+        ("--f-number and --half-field are for tables (.csv, .tsv, .txt)", beam_value, (_TABLE,)),
         ("--glass and --glasses are for Zemax, CODE V and tables", [*catalogues, *replaced] or None, (*_NAMED, _TABLE)),
     ):
-        if value is not None and kind not in only:
-            raise UnreadableLens(path, words)
+        if value is not None and kind not in kinds:
+            raise UnreadableLens(path, reason)
     named = Glasses(path, catalogues, replaced)
     with computing(path):
         if kind == _TABLE:
@@ -105,7 +105,8 @@ def _from_table(
         lens = read_blender(path)
         beam = Beam()
     else:
-        description, (lens, beam) = "a table", read_table(path, glasses)
+        description = "a table"
+        lens, beam = read_table(path, glasses)
     if f_number is not None:
         beam.f_number = f_number
     if half_field_deg is not None:

@@ -66,9 +66,9 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
     if not unknown:
         ignored = Lost("vignetting factors; only semi-diameters block rays")
         return replace(lens, lost=(*lens.lost, ignored)) if beam.is_vignetted else lens
-    shown = ", ".join(map(str, unknown))
+    numbers = ", ".join(map(str, unknown))
     if not is_sized:
-        reason = f"surfaces {shown} have no semi-diameter, and the file has no pupil and field to compute them from"
+        reason = f"surfaces {numbers} have no semi-diameter, and the file has no pupil and field to compute them from"
         hint = "write clear apertures, or pupil diameter and field angles"
         if Path(path).suffix.lower() in (".csv", ".tsv", ".txt"):
             hint = "write clear apertures, or give --f-number N and --half-field DEGREES to compute them"
@@ -80,8 +80,8 @@ def sized(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float) -> Pr
         raise UnreadableLens(path, error.message, hint=error.hint) from None
     vignetted = " with its vignetting factors" if beam.is_vignetted else ""
     statement = (
-        f"surfaces {shown} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
-        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(each.angle_deg) for each in fields):g} degrees)"
+        f"surfaces {numbers} have no semi-diameter; written is what the beam{vignetted} needs, to first order"
+        f" (entrance pupil {wide_mm:g} mm, half field {max(abs(field.angle_deg) for field in fields):g} degrees)"
     )
     return replace(open_lens, lost=(*open_lens.lost, Lost(statement)))
 
@@ -110,9 +110,9 @@ def with_clear_apertures(lens: PrintedLens, entrance_pupil_mm: float, fields: Se
         rim = a * entrance_pupil_mm / 2
         chief = a * start + b
         heights = [abs(rim)]
-        for each in () if surface.is_stop else fields:
-            centre = chief * math.tan(math.radians(each.angle_deg))
-            heights += [abs(centre + rim * (1 - each.upper)), abs(centre - rim * (1 - each.lower))]
+        for point in () if surface.is_stop else fields:
+            centre = chief * math.tan(math.radians(point.angle_deg))
+            heights += [abs(centre + rim * (1 - point.upper)), abs(centre - rim * (1 - point.lower))]
         is_given = surface.semi_diameter_mm is not None
         surfaces.append(surface if is_given else replace(surface, semi_diameter_mm=max(heights)))
     return replace(lens, surfaces=tuple(surfaces))
@@ -152,13 +152,13 @@ def opened(path: str | Path, lens: PrintedLens, beam: Beam, unit_mm: float, has_
         raise UnreadableLens(path, f"{beam.stated}: {error.message}", line=beam.line, hint=error.hint) from None
     if math.isclose(rim_mm, printed_mm, rel_tol=_SAME):
         return lens
-    asked = _f_number(lens, wide_mm)
-    there = _f_number(lens, wide_mm * printed_mm / rim_mm)
-    statement = f"{beam.stated} is {asked}: the stop, surface {index + 1}, "
+    required = _f_number(lens, wide_mm)
+    printed = _f_number(lens, wide_mm * printed_mm / rim_mm)
+    statement = f"{beam.stated} is {required}: the stop, surface {index + 1}, "
     if stop.half_widths_mm or (has_ring and printed_mm < rim_mm):
-        shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {there},"
+        shape = "a rectangle" if stop.half_widths_mm else f"a ring of semi-diameter {printed_mm:.6g} mm, {printed},"
         return replace(lens, lost=(*lens.lost, Lost(f"{statement}is {shape} and stays", beam.line)))
-    statement += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {there}"
+    statement += f"gets semi-diameter {rim_mm:.6g} mm in place of {printed_mm:.6g} mm, {printed}"
     return replace(_with_stop(lens, index, rim_mm), lost=(*lens.lost, Lost(statement, beam.line)))
 
 

@@ -46,6 +46,8 @@ _SETTINGS = ("name", "unit", "wavelength", "f-number", "half-field", "efl", "bfd
 
 @dataclass(slots=True)
 class _Table:
+    """The columns of a table, and what its comments state."""
+
     path: str | Path
     glasses: Glasses
     delimiter: str | None
@@ -110,6 +112,7 @@ def _quantity(name: str) -> str | None:
 
 
 def _columns(path: str | Path, glasses: Glasses, line: int, header: str) -> _Table:
+    """The empty table of a header; UnreadableLens if it lacks a needed column or repeats one."""
     delimiter = next((mark for mark in "\t;," if mark in header), None)  # None: blanks
     names = _cells(header, delimiter)
     quantities = [_quantity(name) for name in names]
@@ -119,14 +122,14 @@ def _columns(path: str | Path, glasses: Glasses, line: int, header: str) -> _Tab
             near = nearest(name.casefold(), _QUANTITY)
             hint = f'; "{near}" would be' if near else ""
             table.lost.append(Lost(f'column "{name}" is not known{hint}', line))
-    twice = sorted({q for q in quantities if q and q != "label" and quantities.count(q) > 1})
-    wanted = [] if {"radius", "curvature"} & set(quantities) else ["a radius"]
-    wanted += [] if "thickness" in quantities else ["a thickness"]
-    wanted += [] if {"index", "glass"} & set(quantities) else ["an index or a glass"]
-    if wanted or twice:
-        reason = f"the header has no column for {' and '.join(wanted)}" if wanted else f"two columns hold {twice[0]}"
+    double = sorted({q for q in quantities if q and q != "label" and quantities.count(q) > 1})
+    missing = [] if {"radius", "curvature"} & set(quantities) else ["a radius"]
+    missing += [] if "thickness" in quantities else ["a thickness"]
+    missing += [] if {"index", "glass"} & set(quantities) else ["an index or a glass"]
+    if missing or double:
+        reason = f"the header has no column for {' and '.join(missing)}" if missing else f"two columns hold {double[0]}"
         hint = "e.g. surface,radius,thickness,nd,vd,semi_diameter; docs/lenses.md lists the names"
-        if len(wanted) == 3:
+        if len(missing) == 3:
             hint = "where nobody knows the surfaces, `pipeline new rig --focal-length MM --f-number N` takes"
             hint += " a thin lens"
         raise UnreadableLens(path, reason, line=line, hint=hint)
@@ -223,8 +226,8 @@ def _medium(table: _Table, number: int, line: int, values: dict[str, str]) -> tu
     glass = "" if name.casefold() in _AIR | _STOP_WORDS else name
     index = None if printed.casefold() in _AIR else _value(table, line, values, "index")
     if index is None and glass:
-        one = table.glasses.of(line, number, glass)
-        return table.glasses.printed(line, number, one, table.setting("wavelength"))
+        named = table.glasses.of(line, number, glass)
+        return table.glasses.printed(line, number, named, table.setting("wavelength"))
     if index is None or index == 1:
         return 1.0, None, ""
     if not 1 < index < _LARGEST_INDEX:

@@ -18,8 +18,8 @@ class UnreadableLens(UsageError):
     """A lens file cannot be read, or its lens cannot be represented."""
 
     def __init__(self, path: str | Path, reason: str, *, line: int | None = None, hint: str | None = None) -> None:
-        where = f"{path}:{line}" if line is not None else f"{path}"
-        super().__init__(f"{where}: {reason}", hint=hint)
+        location = f"{path}:{line}" if line is not None else f"{path}"
+        super().__init__(f"{location}: {reason}", hint=hint)
 
 
 @contextmanager
@@ -69,7 +69,7 @@ def other_wavelengths(wavelengths_nm: Sequence[float], of_lens_nm: float | None 
     """Loss of the design's other wavelengths, if any differs from that of the lens, by default the d line."""
     if all(abs(wavelength - (of_lens_nm or 587.6)) <= 0.1 for wavelength in wavelengths_nm):
         return []
-    shown = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
+    listed = ", ".join(f"{wavelength:g}" for wavelength in wavelengths_nm)
     at = "the d line" if of_lens_nm is None else f"{of_lens_nm:g} nm, the primary wavelength"
-    loss = f"wavelengths {shown} nm: the lens has its indices at {at}, the camera its wavelength"
+    loss = f"wavelengths {listed} nm: the lens has its indices at {at}, the camera its wavelength"
     return [Lost(loss)]

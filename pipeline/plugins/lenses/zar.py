@@ -24,25 +24,25 @@ _MOST_BYTES = 16 * 2**20
 
 def read_zar(path: str | Path, glasses: Glasses) -> PrintedLens:
     """The lens of an archive, whose catalogues are used where no other has a glass."""
-    found = list[tuple[str, bytes]]()
+    lenses = list[tuple[str, bytes]]()
     try:
         for name, raw in _members(Path(path)):
             if name.lower().endswith(".agf"):
                 with suppress(UnreadableLens):
-                    glasses.packed |= read_agf(f"{path}/{_shown(name)}", raw)
-            elif len(found) < 2:
-                found.append((name, raw))
+                    glasses.packed |= read_agf(f"{path}/{_printable(name)}", raw)
+            elif len(lenses) < 2:
+                lenses.append((name, raw))
     except (OSError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
-        said = getattr(error, "strerror", None) or error
-        raise UnreadableLens(path, f"cannot be read as an archive of Zemax: {said}") from None
-    if len(found) != 1 or len(found[0][1]) >= _MOST_BYTES:
-        said = "several lenses" if found[1:] else "a lens of 16 MiB and more" if found else "no lens (.zmx)"
-        raise UnreadableLens(path, f"holds {said}", hint="unpack it, and import one of its files")
-    ((name, raw),) = found
-    return read_zemax(f"{path}/{_shown(name)}", glasses, raw)
+        reason = getattr(error, "strerror", None) or error
+        raise UnreadableLens(path, f"cannot be read as an archive of Zemax: {reason}") from None
+    if len(lenses) != 1 or len(lenses[0][1]) >= _MOST_BYTES:
+        content = "several lenses" if lenses[1:] else "a lens of 16 MiB and more" if lenses else "no lens (.zmx)"
+        raise UnreadableLens(path, f"holds {content}", hint="unpack it, and import one of its files")
+    ((name, raw),) = lenses
+    return read_zemax(f"{path}/{_printable(name)}", glasses, raw)
 
 
-def _shown(name: str) -> str:
+def _printable(name: str) -> str:
     return "".join(filter(str.isprintable, name))
 
 
@@ -77,21 +77,23 @@ def _unpacked(packed: bytes) -> bytes:
     """LZW decompression (Welch, Computer 17(6) (1984) 8): codes from 9 bits up, highest bit first, without a limit."""
     words = [bytes([value]) for value in range(256)]
     unpacked = bytearray()
-    before = b""
-    width = 8
-    bits = 0
-    count = 0
+    previous = b""
+    width = 8  # of the next code [bit]
+    bits = 0  # read, and not yet part of a code
+    count = 0  # of these
     for byte in packed:
         width += len(words) >= 1 << width
         bits = bits << 8 | byte
         count = count + 8
         if count >= width:
             count -= width
-            code, bits = bits >> count, bits & (1 << count) - 1
-            word = words[code] if code < len(words) else words[code - 1] and before + before[:1]
-            words += [before + word[:1]] * bool(before)
+            code = bits >> count
+            bits &= (1 << count) - 1
+            # A code one beyond the table is the previous word with its first byte behind it.
+            word = words[code] if code < len(words) else words[code - 1] and previous + previous[:1]
+            words += [previous + word[:1]] * bool(previous)
             unpacked += word
-            before = word
+            previous = word
         if len(unpacked) >= _MOST_BYTES:
             break
     return bytes(unpacked[:_MOST_BYTES])

@@ -47,6 +47,8 @@ _NO_CONCERN = "COAT LUID EERA SSID IWDP OEMA DBDT TOLE SCOL VCON ZVCX ZVCY CHZH 
 
 @dataclass(slots=True)
 class _Row:
+    """A surface as the lines of its block describe it, in the unit of the file."""
+
     line: int
     type_name: str = "STANDARD"
     type_line: int = 0
@@ -95,8 +97,9 @@ class _System:
         return self.beam.is_known and not self.stop_floats
 
     def obey(self, line: int, row: str) -> None:
-        keyword, _, rest = row.strip().partition(" ")
-        words = rest.split()
+        """Read a line: it begins a surface, belongs to the last one, or describes the system."""
+        keyword, _, values = row.strip().partition(" ")
+        words = values.split()
         if keyword == "SURF":
             self.rows.append(_Row(line=line))
         elif self.rows and (row[:1].isspace() or keyword in _OF_SURFACE):
@@ -110,6 +113,7 @@ class _System:
         return number(self.path, line, words[index], keyword)
 
     def _of_system(self, line: int, keyword: str, words: list[str]) -> None:
+        """A line about the system: name, unit, aperture, fields, wavelengths, or what is lost."""
         if keyword == "NAME":
             self.name = " ".join(words)
         elif keyword == "GCAT":
@@ -156,9 +160,11 @@ class _System:
             self.working_f_number = keyword == "FNUM" and len(words) > 1 and self._first(line, keyword, words, 1) == 1
 
     def _of_surface(self, line: int, keyword: str, words: list[str]) -> None:
+        """A line of the block of the last surface."""
         row = self.rows[-1]
         if keyword == "TYPE":
-            row.type_name, row.type_line = (words[0].upper() if words else "STANDARD"), line
+            row.type_name = words[0].upper() if words else "STANDARD"
+            row.type_line = line
         elif keyword == "CURV":
             row.curvature = self._first(line, keyword, words)
         elif keyword == "CONI":
@@ -166,8 +172,8 @@ class _System:
         elif keyword == "PARM":
             row.parameters[int(self._first(line, keyword, words))] = self._first(line, keyword, words, 1)
         elif keyword == "DISZ":
-            far = bool(words) and words[0].upper() == "INFINITY"
-            row.thickness = math.inf if far else self._first(line, keyword, words)
+            is_infinite = bool(words) and words[0].upper() == "INFINITY"
+            row.thickness = math.inf if is_infinite else self._first(line, keyword, words)
         elif keyword == "GLAS":
             row.glass, row.glass_line = words, line
         elif keyword in ("DIAM", "CLAP", "OBSC", "SQAP"):
@@ -224,8 +230,8 @@ def read_zemax(path: str | Path, glasses: Glasses, raw: bytes | None = None) -> 
     primary_um = system.wavelengths_um.get(system.primary)
     nm = glasses.wavelength_nm(media, primary_um and 1000 * primary_um)
     surfaces = tuple(
-        _printed(system, number, row, glasses.printed(row.glass_line, number, one, nm))
-        for (number, row), one in zip(rows, media, strict=True)
+        _printed(system, number, row, glasses.printed(row.glass_line, number, glass, nm))
+        for (number, row), glass in zip(rows, media, strict=True)
     )
     lens = PrintedLens(
         name=system.name or Path(path).stem,
@@ -249,25 +255,26 @@ def _frames(system: _System, unit_mm: float) -> list[np.ndarray]:
     before it decentres. A tilted plane states its slopes.
     """
     pose = np.eye(4)
-    found = []
+    frames = []
     for row in system.rows[1:]:
         values = [row.parameters.get(i, 0.0) for i in range(1, 7)]
         if row.type_name == _BREAK:
             x, y, *turns, is_reverse = np.multiply(values, -1.0 if values[5] else 1.0)
-            there = frame(x * unit_mm, y * unit_mm, 0.0, *turns)
-            pose = pose @ (inverse(there) if is_reverse else there)
+            displacement = frame(x * unit_mm, y * unit_mm, 0.0, *turns)
+            pose = pose @ (inverse(displacement) if is_reverse else displacement)
         plane = pose
         if row.type_name == _TILTED:
             about_x = math.atan(values[1])
             about_y = -math.atan(values[0] * math.cos(about_x))
             plane = pose @ frame(0.0, 0.0, 0.0, math.degrees(about_x), math.degrees(about_y), 0.0)
         if row.type_name != _BREAK or row.is_stop:
-            found.append(plane)
+            frames.append(plane)
         pose = pose @ frame(0.0, 0.0, row.thickness * unit_mm)
-    return found
+    return frames
 
 
 def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
+    """Losses of the file, completed by those that depend on more than one of its lines."""
     lost = list(system.lost)
     first = system.rows[0]
     image = system.rows[-1]
@@ -288,8 +295,8 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
         if row.is_automatic and row.semi_diameter and not row.half_widths and not (row.is_stop and system.opens_stop)
     ]
     if automatic:
-        shown = ", ".join(map(str, automatic))
-        lost.append(Lost(f"surfaces {shown} have automatic semi-diameters, for drawing; here they block rays"))
+        numbers = ", ".join(map(str, automatic))
+        lost.append(Lost(f"surfaces {numbers} have automatic semi-diameters, for drawing; here they block rays"))
     lost += text.other_wavelengths([1000 * w for w in dict.fromkeys(system.wavelengths_um.values())], wavelength_nm)
     idle = [word for word in system.unread if word in _NO_CONCERN.split()]
     lost += [Lost(f"{word} is not read", line) for word, line in system.unread.items() if word not in idle]
@@ -297,6 +304,7 @@ def _lost(system: _System, wavelength_nm: float | None) -> list[Lost]:
 
 
 def _printed(system: _System, number: int, row: _Row, medium: tuple[float, float | None, str]) -> PrintedSurface:
+    """A surface in millimetres; UnreadableLens if it cannot be represented."""
     unit_mm = system.unit_mm or 1.0
     is_cylinder = row.type_name == "TOROIDAL" and not any(row.parameters.values())
     if not is_cylinder and row.type_name not in ("STANDARD", "PARAXIAL", _BREAK, _TILTED, *_POWER_OF_TERM):
@@ -342,7 +350,7 @@ def _medium(system: _System, surface: int, row: _Row) -> Named:
     if name == "___BLANK" and kind == "2":  # as behind an earlier surface, which may be air
         source = system.rows[min(int(number(system.path, line, row.glass[2], "GLAS")), len(system.rows) - 1)]
         return _medium(system, surface, source) if source.line < row.line else AIR
-    beside = numbers if len(numbers) == 2 and tuple(numbers) != _PLACEHOLDER and numbers[0] > 1 else []
+    stated = numbers if len(numbers) == 2 and tuple(numbers) != _PLACEHOLDER and numbers[0] > 1 else []
     if kind == "1" or name == "___BLANK":
         if len(numbers) < 2:
             raise UnreadableLens(
@@ -351,7 +359,7 @@ def _medium(system: _System, surface: int, row: _Row) -> Named:
         return system.glasses.model(line, surface, (numbers[0], numbers[1]), "" if name == "___BLANK" else name)
     listed = system.glasses.of(line, surface, name, system.vendors)
     nd = listed.medium.nd
-    if beside and nd is not None and listed is not AIR and abs(nd - beside[0]) > MAX_INDEX_DIFFERENCE:
-        left = f"index {beside[0]:g} beside glass {name} is left over; the glass has {nd:.6g}"
-        system.glasses.remark(line, surface, left)
+    if stated and nd is not None and listed is not AIR and abs(nd - stated[0]) > MAX_INDEX_DIFFERENCE:
+        remark = f"index {stated[0]:g} beside glass {name} is left over; the glass has {nd:.6g}"
+        system.glasses.remark(line, surface, remark)
     return listed
