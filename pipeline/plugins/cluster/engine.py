@@ -37,22 +37,22 @@ _SETTINGS = {
 }
 
 
-def engine_of(where: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
+def engine_of(scheduler: str, timeout_s: float | None = None) -> Callable[[Store, tuple[str, ...]], "Dask"]:
     """The engine of `--engine dask:WHERE`; UsageError if it names no scheduler, EnvironmentFault without [cluster]."""
-    if not where:
+    if not scheduler:
         hint = (
             "write dask:tcp://host:8786, or dask:FILE for the file that `dask scheduler --scheduler-file FILE` writes"
         )
         raise UsageError("the engine dask has no scheduler", hint=hint)
-    if "://" not in where and not Path(where).is_file():
-        raise UsageError(f"there is no scheduler file {where}", hint="an address has the form tcp://host:8786")
+    if "://" not in scheduler and not Path(scheduler).is_file():
+        raise UsageError(f"there is no scheduler file {scheduler}", hint="an address has the form tcp://host:8786")
     try:
         import distributed  # noqa: F401
     except ImportError:
         raise EnvironmentFault(
             "the engine dask needs the library distributed", hint="pip install 'plenoptic-pipeline[cluster]'"
         ) from None
-    return lambda store, packages: Dask(where, store, packages, timeout_s=timeout_s)
+    return lambda store, packages: Dask(scheduler, store, packages, timeout_s=timeout_s)
 
 
 class Dask:
@@ -69,7 +69,9 @@ class Dask:
         dask.config.set(_SETTINGS)
         for name in ("distributed", *filter(_OF_DASK.match, logging.root.manager.loggerDict)):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # we report what matters ourselves
-        self._store, self._packages, self._timeout_s = store, packages, timeout_s
+        self._store = store
+        self._packages = packages
+        self._timeout_s = timeout_s
         self._running: dict[Any, tuple[Job, float]] = {}
         self._submitted = 0
         self._no_workers_since: float | None = None
@@ -80,7 +82,7 @@ class Dask:
             raise EnvironmentFault(
                 f"cannot reach the Dask scheduler {where}: {error}", hint="is it running, and is this its address?"
             ) from error
-        with self._reaching():
+        with self._reporting_loss():
             self._require_same_store()
 
     @property
@@ -94,9 +96,9 @@ class Dask:
     def submit(self, job: Job) -> None:
         """Give a job to the cluster."""
         self._submitted += 1
-        with self._reaching():
+        with self._reporting_loss():
             future = self._client.submit(
-                _perform_there,
+                _perform_on_worker,
                 job,
                 str(self._store.root),
                 list(self._packages),
@@ -134,6 +136,7 @@ class Dask:
             self._client.close(timeout=5)
 
     def _replies(self, future: Any) -> list[Reply]:
+        """Replies of a finished job; those of a worker that died are lost or failed."""
         import distributed
 
         job, _ = self._running.pop(future)
@@ -151,6 +154,7 @@ class Dask:
         return replies
 
     def _overdue(self) -> list[Reply]:
+        """Replies of tasks that took too long; their workers are restarted."""
         replies = []
         for future, (job, since) in list(self._running.items()):
             seconds = time.monotonic() - since
@@ -188,10 +192,10 @@ class Dask:
         while self._client.status == "connecting" and time.monotonic() < give_up:
             time.sleep(0.1)
         if self._client.status != "running":
-            raise _gone()
+            raise _no_scheduler()
 
     @contextlib.contextmanager
-    def _reaching(self) -> Iterator[None]:
+    def _reporting_loss(self) -> Iterator[None]:
         """Context for calls to the scheduler. A client that has lost it raises many kinds of errors."""
         try:
             yield
@@ -202,7 +206,7 @@ class Dask:
             if of_dask or isinstance(error, OSError) or self._client.status != "running":
                 with contextlib.suppress(Exception):
                     self._client.close(timeout=5)
-                raise _gone() from error
+                raise _no_scheduler() from error
             raise
 
     def _require_same_store(self) -> None:
@@ -219,14 +223,14 @@ class Dask:
         bad = {address: answer for address, answer in views.items() if answer is not True}
         if bad:
             address, answer = next(iter(bad.items()))
-            why = f"{type(answer).__name__}: {answer}" if isinstance(answer, Exception) else "it is not there"
+            reason = f"{type(answer).__name__}: {answer}" if isinstance(answer, Exception) else "it is not there"
             raise EnvironmentFault(
-                f"the worker {address} does not see the store {self._store.root} ({why})",
+                f"the worker {address} does not see the store {self._store.root} ({reason})",
                 hint="set PIPELINE_CACHE to a folder that all machines reach, and install the same version everywhere",
             )
 
 
-def _gone() -> EnvironmentFault:
+def _no_scheduler() -> EnvironmentFault:
     hint = "start it and build again: what was finished is in the store"
     return EnvironmentFault("the Dask scheduler is gone", hint=hint)
 
@@ -235,7 +239,7 @@ def _sees_note(root: str, note: str) -> bool:
     return Store(root).read_note("index", f"here-{note}") == note
 
 
-def _perform_there(job: Job, root: str, packages: list[str]) -> list[Reply]:
+def _perform_on_worker(job: Job, root: str, packages: list[str]) -> list[Reply]:
     """Perform a job on a worker."""
     warnings: list[str] = []
     store = Store(root, warn=warnings.append)

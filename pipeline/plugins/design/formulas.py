@@ -102,23 +102,23 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
     """Design a camera; CameraError: demands contradict each other, or none meets them; the hint states a remedy."""
     _check(wish)
     lens = first_order(prescription)
-    solved = (_unfocused if wish.unfocused else _focused)(lens, wish.image_px * sensor.pitch_mm, wish)
-    film_mm = solved.to_array - lens.exit_pupil.z_mm
+    solution = (_unfocused if wish.unfocused else _focused)(lens, wish.image_px * sensor.pitch_mm, wish)
+    film_mm = solution.to_array - lens.exit_pupil.z_mm
     if film_mm <= prescription.vertices_from_stop_mm[-1]:
         raise CameraError(
             f"the microlenses would stand {film_mm:.4g} mm behind the stop, inside the lens",
             hint="--near farther from the lens, a smaller --magnification, or more --types or --blur",
         )
-    stop_mm = solved.pupil / abs(lens.exit_pupil.magnification)
+    stop_mm = solution.pupil / abs(lens.exit_pupil.magnification)
     widest_mm = widest_stop_mm(prescription, film_mm)
     if stop_mm > widest_mm:
         raise _too_wide(lens, wish, stop_mm / widest_mm, 2 * prescription.stop.semi_diameter_mm / widest_mm)
     pitch_mm = _rounded(wish.image_px * sensor.pitch_mm)
     width_mm, height_mm = (_rounded(size + 2 * pitch_mm) for size in sensor.size_mm)
-    gap_mm = _rounded(solved.gap)
+    gap_mm = _rounded(solution.gap)
     array = MicrolensArray(
         pitch_mm=pitch_mm,
-        focal_lengths_mm=tuple(gap_mm if wish.unfocused else f for f in _focal_lengths(solved, wish)),
+        focal_lengths_mm=tuple(gap_mm if wish.unfocused else f for f in _focal_lengths(solution, wish)),
         width_mm=width_mm,
         height_mm=height_mm,
         distance_mm=gap_mm,
@@ -127,20 +127,20 @@ def designed(prescription: Prescription, sensor: Sensor, wish: PlenopticWish) ->
     camera = Camera(
         prescription=prescription,
         sensor=sensor,
-        sensor_distance_mm=_rounded(film_mm + solved.gap),
+        sensor_distance_mm=_rounded(film_mm + solution.gap),
         microlenses=array,
         circle_of_confusion_px=wish.blur_px,
     )
     camera = with_stop(camera, _rounded(stop_mm))
     depths = None
     if not wish.unfocused:
-        depths = 1 / solved.vergence, 1 / (solved.vergence - 2 * wish.types * wish.step)
+        depths = 1 / solution.vergence, 1 / (solution.vergence - 2 * wish.types * wish.step)
     return PlenopticDesign(
         camera=camera,
         f_number=first_order(camera.prescription).f_number,
         depth_of_field_mm=tuple(focus.depth_of_field_mm for focus in foci(camera)),
         virtual_depths=depths,
-        gap_px=wish.image_px * solved.gap / solved.to_array,
+        gap_px=wish.image_px * solution.gap / solution.to_array,
     )
 
 
@@ -170,6 +170,7 @@ def _too_wide(lens: FirstOrder, wish: PlenopticWish, excess: float, as_it_is: fl
 
 
 def _check(wish: PlenopticWish) -> None:
+    """CameraError for demands that contradict each other, whatever the lens."""
     has_range = wish.near_mm is not None and wish.far_mm is not None
     if (wish.near_mm is None) != (wish.far_mm is None) or has_range == (wish.magnification is not None):
         raise CameraError(
@@ -209,14 +210,14 @@ def _focused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution:
         to_array = _magnified(lens, wish) / (1 + pitch / (pupil * middle))
         return _Solution(to_array, pitch * to_array / pupil, pupil, 1 / depth)
     to_near, to_far = _image(lens, wish.near_mm), _image(lens, wish.far_mm)
-    deep = to_near - to_far
+    image_depth = to_near - to_far
     if wish.f_number is None:  # B / a is 1 / depth at the far end, and the span less at the near one
-        gap = deep / (1 / (1 / depth - span) - depth)
+        gap = image_depth / (1 / (1 / depth - span) - depth)
         return _Solution(to_far - depth * gap, gap, pitch * (to_far - depth * gap) / gap, 1 / depth)
     # B deep = span a (a + deep) and B = P (to_far - a) / D: a of the far end is the positive root.
     pupil = _pupil(lens, wish.f_number)
-    linear = deep * (span + pitch / pupil)
-    constant = pitch * deep * to_far / pupil
+    linear = image_depth * (span + pitch / pupil)
+    constant = pitch * image_depth * to_far / pupil
     a = (math.sqrt(linear**2 + 4 * span * constant) - linear) / (2 * span)
     gap = pitch * (to_far - a) / pupil
     if a < LEAST_DEPTH * gap:
@@ -241,10 +242,10 @@ def _unfocused(lens: FirstOrder, pitch: float, wish: PlenopticWish) -> _Solution
     return _Solution(to_array, gap, pitch * to_array / gap, 0.0)
 
 
-def _focal_lengths(solved: _Solution, wish: PlenopticWish) -> list[float]:
+def _focal_lengths(solution: _Solution, wish: PlenopticWish) -> list[float]:
     """f of each type, ascending: the shortest one sees the near end, whose image has the least vergence."""
-    sharp = [solved.vergence - wish.step * (2 * kind + 1) for kind in reversed(range(wish.types))]
-    return [_rounded(solved.gap / (1 - vergence)) for vergence in sharp]
+    sharp = [solution.vergence - wish.step * (2 * kind + 1) for kind in reversed(range(wish.types))]
+    return [_rounded(solution.gap / (1 - vergence)) for vergence in sharp]
 
 
 def _pupil(lens: FirstOrder, f_number: float | None) -> float:

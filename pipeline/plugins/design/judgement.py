@@ -20,7 +20,7 @@ _ACCURACY_PX = 1e-4
 """Error that positions may have [px]: far less than is printed."""
 _SHARES = np.linspace(-0.25, 1.25, 25)
 """Samples of the range for blur, uniform in 1 / z: a little beyond its ends, where real rays may end it."""
-_EVERY, _INSIDE = 2, slice(4, 21)
+_LISTED_STEP, _LISTED_SLICE = 2, slice(4, 21)
 """Of these the ones that are listed: nine from end to end."""
 _DEEPEST = 10.0
 """Farthest distance that is judged, over the nearest [1]: a range may end at infinity."""
@@ -38,6 +38,8 @@ circles of confusion are stated.
 
 @dataclass(frozen=True, slots=True)
 class DepthRow:
+    """Points on the axis at one distance."""
+
     z_mm: float
     micro_images: int  # of a point about the axis
     blur_px: tuple[float | None, ...]  # per type, across flats; negative before best focus; None: not seen
@@ -58,6 +60,8 @@ class ViewRow:
 
 @dataclass(frozen=True, slots=True)
 class Viewpoint:
+    """The centre of projection of a view."""
+
     view_px: float
     place_mm: tuple[float, float, float]  # nearest to all rays of the view, vision frame
     rms_mm: float  # distance of the rays from there
@@ -65,6 +69,8 @@ class Viewpoint:
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
+    """A micro-image at one distance from the axis."""
+
     from_axis_mm: float
     across_px: tuple[float, float]  # least and greatest diameter, of the light through the vertex
     gap_px: float  # from the widest of them to the next micro-image; negative: they overlap
@@ -87,12 +93,13 @@ def judged(ready: ReadyCamera, range_mm: tuple[float, float]) -> Judgement:
     """Judge a plenoptic camera over a range of distances."""
     array = ready.camera.microlenses
     assert array is not None
-    near, far = range_mm[0], min(range_mm[1], _DEEPEST * range_mm[0])
+    near = range_mm[0]
+    far = min(range_mm[1], _DEEPEST * near)
     first = -float(ready.camera.prescription.vertices_from_stop_mm[0])
     z_mm = 1 / (1 / near + _SHARES * (1 / far - 1 / near))
     is_unfocused = array.is_unfocused(ready.camera.sensor.pitch_mm)
     depths, ends = ([], ()) if is_unfocused else _over_depth(ready, z_mm[z_mm > first])
-    listed = z_mm[_INSIDE][::_EVERY]
+    listed = z_mm[_LISTED_SLICE][::_LISTED_STEP]
     return Judgement(
         depth_of_field_mm=ends,
         depths=tuple(row for row in depths if row.z_mm in listed),
@@ -111,19 +118,21 @@ def _over_depth(
     Points lie on the ray of the micro-image centre of the middle microlens of each type, which sees them whatever their
     distance; that of type 0 is close to the axis.
     """
-    camera, (x_mm, y_mm, own) = ready.camera, zip(*ready.rig.middles, strict=True)
+    camera = ready.camera
+    x_mm, y_mm, cells = zip(*ready.rig.middles, strict=True)
     assert camera.microlenses is not None
     rays = ready.rays(*ready.rig.tracer.pixels_at(np.column_stack([x_mm, y_mm])).T, accuracy_px=_ACCURACY_PX)
     points_mm = np.stack([rays.at_distance(z) for z in z_mm], axis=1)
     projections = [ready.project(along, accuracy_px=_ACCURACY_PX, derivatives=[POINT]) for along in points_mm]
-    blur_px, px_per_mm = np.full((2, len(z_mm), len(own)), np.nan)
-    for kind, (rows, cell) in enumerate(zip(projections, own, strict=True)):
+    blur_px, px_per_mm = np.full((2, len(z_mm), len(cells)), np.nan)
+    for kind, (rows, cell) in enumerate(zip(projections, cells, strict=True)):
         is_central = (rows.microlens == ready.rig.axial[cell]).all(axis=1)
         blur_px[rows.point[is_central], kind] = 2 * rows.rho_px[is_central] / _WIDENING[camera.microlenses.layout]
         px_per_mm[rows.point[is_central], kind] = np.linalg.norm(rows.derivatives[POINT][is_central, :, 0], axis=1)
     lateral_mm = np.maximum(1.0, np.abs(blur_px)) / px_per_mm
     listed = []
     for i, z in enumerate(z_mm.tolist()):
+        # Disparity per mm of depth: the largest difference of two micro-images of a point
         rates = projections[0].derivatives[POINT][projections[0].point == i, :, 2]
         fastest = np.linalg.norm(rates[:, None] - rates, axis=-1).max(initial=0.0)
         listed.append(
@@ -137,28 +146,29 @@ def _over_depth(
         )
     confusion = camera.circle_of_confusion_px
     return listed, tuple(
-        (_where(camera, z_mm, blur, -confusion), _where(camera, z_mm, blur, confusion)) for blur in blur_px.T
+        (_z_of_blur(camera, z_mm, blur, -confusion), _z_of_blur(camera, z_mm, blur, confusion)) for blur in blur_px.T
     )
 
 
-def _where(camera: Camera, z_mm: np.ndarray, blur_px: np.ndarray, wanted_px: float) -> float | None:
+def _z_of_blur(camera: Camera, z_mm: np.ndarray, blur_px: np.ndarray, level_px: float) -> float | None:
     """Distance at which a blur that grows with distance takes a value; None: not in this interval.
 
     Between the samples blur is linear in the vergence at the array, as it is near the axis.
     """
     lens = first_order(camera.prescription)
-    reached = np.isfinite(blur_px)
+    is_finite = np.isfinite(blur_px)
     array = camera.microlenses
     assert array is not None
     array_mm = array.distance_mm - camera.sensor_distance_mm
-    blur = blur_px[reached]
-    vergence = [1 / (array_mm - lens.image_mm(z)) for z in z_mm[reached]]
-    if not len(blur) or not blur.min() <= wanted_px <= blur.max():
+    blur = blur_px[is_finite]
+    vergence = [1 / (array_mm - lens.image_mm(z)) for z in z_mm[is_finite]]
+    if not len(blur) or not blur.min() <= level_px <= blur.max():
         return None
-    return lens.object_mm(array_mm - 1 / float(np.interp(wanted_px, blur, vergence)))
+    return lens.object_mm(array_mm - 1 / float(np.interp(level_px, blur, vergence)))
 
 
 def _over_field(ready: ReadyCamera) -> list[FieldRow]:
+    """Micro-images from the middle to the edge: diameters, gaps, and the light that they receive."""
     tracer, images = ready.rig.tracer, ready.rig.images
     assert images is not None
     pitch_mm = tracer.camera.sensor.pitch_mm
@@ -166,17 +176,17 @@ def _over_field(ready: ReadyCamera) -> list[FieldRow]:
     positions_mm = _FIELDS[:, None] * tracer.camera.sensor.farthest_corner_mm
     rows = np.unique(images.nearby.nearest(positions_mm)[1][:, 0])
     light = micro_light(tracer, images, rows=rows)
-    reach = light.pupil_mm
-    across = (reach + np.roll(reach, reach.shape[1] // 2, axis=1)) / pitch_mm
-    away_px = images.nearby.nearest(centres[light.rows], 2)[0][:, 1] / pitch_mm
+    radius_mm = light.pupil_mm
+    diameter_px = (radius_mm + np.roll(radius_mm, radius_mm.shape[1] // 2, axis=1)) / pitch_mm
+    spacing_px = images.nearby.nearest(centres[light.rows], 2)[0][:, 1] / pitch_mm
     from_axis = np.hypot(*centres[light.rows].T)
-    full = light.pupil_area_mm2[np.argmin(from_axis)]
+    central_mm2 = light.pupil_area_mm2[np.argmin(from_axis)]
     listed = [
         FieldRow(
             from_axis_mm=float(from_axis[i]),
-            across_px=(float(across[i].min()), float(across[i].max())),
-            gap_px=float(away_px[i] - across[i].max()),
-            light=float(light.pupil_area_mm2[i] / full),
+            across_px=(float(diameter_px[i].min()), float(diameter_px[i].max())),
+            gap_px=float(spacing_px[i] - diameter_px[i].max()),
+            light=float(light.pupil_area_mm2[i] / central_mm2),
         )
         for i in np.argsort(from_axis)
     ]
@@ -213,13 +223,15 @@ def _views(ready: ReadyCamera, z_mm: np.ndarray) -> list[ViewRow]:
 
 
 def _viewpoint(ready: ReadyCamera, view_px: float) -> Viewpoint:
+    """The point nearest to the rays of a view, from a sample of about 200 micro-images."""
     images = ready.rig.images
     size = np.array(ready.size_px)
     assert images is not None
     centre_px = ready.rig.tracer.pixels_at(images.centre_mm)
     inside = (np.abs(centre_px - (size - 1) / 2) < 0.45 * size).all(axis=1)
-    few = centre_px[inside][:: max(1, int(inside.sum()) // 200)]
-    rays = ready.rays(few[:, 0] + view_px, few[:, 1], accuracy_px=_ACCURACY_PX)
-    x, y, z = (point := rays.nearest_point_mm).tolist()
+    sample = centre_px[inside][:: max(1, int(inside.sum()) // 200)]
+    rays = ready.rays(sample[:, 0] + view_px, sample[:, 1], accuracy_px=_ACCURACY_PX)
+    point = rays.nearest_point_mm
+    x, y, z = point.tolist()
     off_mm = np.linalg.norm(np.cross(rays.direction, rays.origin_mm - point), axis=1)
     return Viewpoint(view_px, (x, y, z), float(np.sqrt(np.nanmean(off_mm**2))))

@@ -39,13 +39,13 @@ def write(material: Material, folder: Path) -> None:
         | {"keypoints": [str(point) for point in range(len(target.points))]}
         for number, target in enumerate(material.targets, 1)
     ]
-    shown = [view for view in material.views if len(view.observations.ids)]
+    views = [view for view in material.views if len(view.observations.ids)]
     boxes = [box for camera in material.cameras for box in _boxes(material, camera, folder)]
     content["annotations"] = [
         {"id": number, "image_id": paths.index(view.image) + 1, "category_id": names.index(view.target) + 1}
         | _annotation(view, len(material.target(view.target).points))
         | box
-        for number, (view, box) in enumerate(zip(shown, boxes, strict=True), 1)
+        for number, (view, box) in enumerate(zip(views, boxes, strict=True), 1)
     ]
     write_json(folder / "coco.json", content)
 

@@ -76,6 +76,7 @@ def _aprilgrid(target: ExportTarget) -> Iterator[str]:
 
 
 def _chain(material: Material) -> Iterator[str]:
+    """Cameras one after the other, each with its pose from the one before."""
     for number, camera in enumerate(material.cameras):
         overlapping = [str(other) for other in range(len(material.cameras)) if other != number]
         yield f"cam{number}:"
@@ -87,22 +88,23 @@ def _chain(material: Material) -> Iterator[str]:
 
 
 def _camera(camera: ExportCamera) -> Iterator[str]:
+    """Lines of one camera: its model, or a pinhole, whose k3 Kalibr does not know."""
     if model := camera.central:
         yield f"camera_model: {_MODELS[model.name]}"
         yield f"# no pinhole fits; residual of the rays of the image: {model.rms_px:.3g} px rms"
-        bent = "none"
+        distortion_name = "none"
         distortion = list[float]()
         intrinsics = [*model.coefficients.tolist(), *model.focal_px.tolist(), *model.principal_point_px.tolist()]
     else:
         f, _, cx, cy, k1, k2, p1, p2, k3 = camera.opencv
         yield "camera_model: pinhole"
         if k3:
-            f, k1, k2, apart_px = _without_k3(camera)
-            yield f"# radtan has no k3: f, k1 and k2 are nearest to the pinhole, {apart_px:.2g} px from it at most"
-        bent = "radtan"
+            f, k1, k2, residual_px = _without_k3(camera)
+            yield f"# radtan has no k3: f, k1 and k2 are nearest to the pinhole, {residual_px:.2g} px from it at most"
+        distortion_name = "radtan"
         distortion = [k1, k2, p1, p2]
         intrinsics = [f, f, cx, cy]
-    yield f"distortion_model: {bent}"
+    yield f"distortion_model: {distortion_name}"
     yield f"distortion_coeffs: [{', '.join(map(yaml_real, distortion))}]"
     yield f"intrinsics: [{', '.join(map(yaml_real, intrinsics))}]"
     yield f"resolution: [{camera.size_px[0]}, {camera.size_px[1]}]"
@@ -119,14 +121,15 @@ def _without_k3(camera: ExportCamera) -> tuple[float, float, float, float]:
     width, height = camera.size_px
     farthest_px = np.hypot(max(cx, width - 1 - cx), max(cy, height - 1 - cy))
     slopes = _SLOPES * farthest_px / f
+    # r(t) = f t (1 + k1 t^2 + k2 t^4 + k3 t^6) of the slope t
     radii_px = f * np.polyval([k3, 0, k2, 0, k1, 0, 1, 0], slopes)
     in_image = np.logical_and.accumulate((radii_px <= farthest_px) & (np.gradient(radii_px) > 0))
     slopes, radii_px = slopes[in_image], radii_px[in_image]
     powers = slopes[:, None] ** [1, 3, 5]
-    share = np.sqrt(radii_px)
-    near = np.linalg.lstsq(powers * share[:, None], radii_px * share, rcond=None)[0]
-    apart_px = np.abs(powers @ near - radii_px).max()
-    return float(near[0]), float(near[1] / near[0]), float(near[2] / near[0]), float(apart_px)
+    weight = np.sqrt(radii_px)  # its square is the area of a ring
+    fitted = np.linalg.lstsq(powers * weight[:, None], radii_px * weight, rcond=None)[0]
+    residual_px = np.abs(powers @ fitted - radii_px).max()
+    return float(fitted[0]), float(fitted[1] / fitted[0]), float(fitted[2] / fitted[0]), float(residual_px)
 
 
 def _shutter(camera: ExportCamera, shutter: Shutter) -> Iterator[str]:

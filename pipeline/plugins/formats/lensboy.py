@@ -24,7 +24,8 @@ def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
         width, height = camera.size_px
-        f, coefficients = camera.model.principal_distance_px, camera.model.distortion.tolist()
+        f = camera.model.principal_distance_px
+        coefficients = camera.model.distortion.tolist()
         cx, cy = camera.model.principal_point_px.tolist()
         record = {
             "type": "opencv",

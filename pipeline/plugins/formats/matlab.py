@@ -69,5 +69,5 @@ def _calibration(material: Material, camera: ExportCamera, views: list[ExportVie
         "DetectedKeypoints": np.isfinite(x_px[:, 0]),
     }
     frames = np.array([[view.frame] for view in views], float)
-    around = {"imagePoints": x_px, "worldPoints": points[:, :2], "imageSize": size, "frames": frames}
-    return {"cameraParams": parameters, **around}
+    inputs = {"imagePoints": x_px, "worldPoints": points[:, :2], "imageSize": size, "frames": frames}
+    return {"cameraParams": parameters, **inputs}

@@ -63,12 +63,14 @@ def write(material: Material, folder: Path) -> None:
 
 
 def _intrinsics(camera: ExportCamera) -> Json:
-    model, (width, height) = camera.image_model, camera.size_px
-    (fx, fy), (cx, cy) = model.focal_px.tolist(), model.principal_point_px.tolist()
+    model = camera.image_model
+    width, height = camera.size_px
+    fx, fy = model.focal_px.tolist()
+    cx, cy = model.principal_point_px.tolist()
     names = ("k1", "k2", "k3", "k4") if model.name == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
-    bent = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), 0.0)
-    bent |= dict(zip(names, model.coefficients.tolist(), strict=True))
-    return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, **bent}
+    distortion = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2"), 0.0)
+    distortion |= dict(zip(names, model.coefficients.tolist(), strict=True))
+    return {"w": width, "h": height, "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, **distortion}
 
 
 def _poses(camera: ExportCamera, view: ExportView) -> Json:

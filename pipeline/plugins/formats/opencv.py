@@ -97,6 +97,7 @@ def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dic
 
 
 def _model(camera: ExportCamera) -> dict[str, Any]:
+    """Size of the image, and the pinhole if one fits."""
     width, height = camera.size_px
     head = {"image_width": width, "image_height": height}
     if camera.pinhole is None:

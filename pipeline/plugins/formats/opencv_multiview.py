@@ -42,7 +42,7 @@ def write(material: Material, folder: Path) -> None:
             row[frames.index(view.frame)][view.observations.ids] = view.observations.positions
     poses = [camera.pose for camera in cameras if camera.pose]
     distortions = [camera.model.distortion for camera in cameras]
-    most = max(map(len, distortions))  # of one whose sensor is tilted 14, of others 5
+    count = max(map(len, distortions))  # of one whose sensor is tilted 14, of others 5
     arguments = {
         "objPoints": np.repeat(target.points[None].astype(np.float32), len(frames), axis=0),
         "imagePoints": positions,
@@ -52,7 +52,7 @@ def write(material: Material, folder: Path) -> None:
         "cameras": np.array([camera.name for camera in cameras], dtype=str),
         "frames": np.array(frames, dtype=np.int64),
         "Ks": np.stack([camera.model.matrix for camera in cameras]),
-        "distortions": np.stack([np.pad(own, (0, most - len(own))) for own in distortions]),
+        "distortions": np.stack([np.pad(coefficients, (0, count - len(coefficients))) for coefficients in distortions]),
         "Rs": np.stack([pose.rotation for pose in poses]),
         "Ts": np.stack([pose.translation for pose in poses]),
     }

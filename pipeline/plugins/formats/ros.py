@@ -34,8 +34,11 @@ def write(material: Material, folder: Path) -> None:
 
 
 def _info(camera: ExportCamera) -> Iterator[str]:
-    model, (width, height) = camera.image_model, camera.size_px
-    (fx, fy), (cx, cy) = model.focal_px.tolist(), model.principal_point_px.tolist()
+    """CameraInfo of a camera as YAML."""
+    model = camera.image_model
+    width, height = camera.size_px
+    fx, fy = model.focal_px.tolist()
+    cx, cy = model.principal_point_px.tolist()
     yield f"# residual of the rays of the image: {model.rms_px:.3g} px rms, {model.max_px:.3g} px at most"
     yield from (f"image_width: {width}", f"image_height: {height}")
     yield f"camera_name: {re.sub('[^A-Za-z0-9_]', '_', camera.name)}"

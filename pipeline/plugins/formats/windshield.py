@@ -33,18 +33,20 @@ def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> Model
     `alternatives`: as in `central_model`. The centre is that of rays before the windows, residuals are of both.
     Raises ExportError: no model fits the lens, or the windows shift rays too much.
     """
-    ready, field = camera.rays.sight, field_of(camera)
-    alone = _without_windows(ready)
-    lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: alone)), alternatives)
+    field = field_of(camera)
+    inner = _without_windows(camera.rays.sight)
+    lens = central_model(replace(camera, pinhole=None, rays=replace(camera.rays, ready=lambda: inner)), alternatives)
     centre_mm = field.rays.nearest_point_mm
     outside = _angles(field, centre_mm)
-    inside = _angles(replace(field, rays=alone.rays(*field.x_px.T)), lens.centre_mm)
-    forward, inverse = _polynomials(outside, inside), _polynomials(inside, outside)
-    off, back, beyond = (
+    inside = _angles(replace(field, rays=inner.rays(*field.x_px.T)), lens.centre_mm)
+    forward = _polynomials(outside, inside)
+    inverse = _polynomials(inside, outside)
+    # Errors in the image of points on the planes, of the same through both polynomials, and of points far away
+    errors, back, beyond = (
         _positions(lens, _powers(angles) @ forward) - np.tile(field.x_px, (len(angles) // len(field.x_px), 1))
         for angles in (outside, _powers(inside) @ inverse, np.arcsin(field.rays.direction[:, :2]))
     )
-    most_px, back_px, beyond_px = (float(np.hypot(*each.T).max()) for each in (off, back, beyond))
+    most_px, back_px, beyond_px = (float(np.hypot(*error.T).max()) for error in (errors, back, beyond))
     if not most_px <= _MOST_PX:
         message = f"NCore's windshield misses rays through the windows before {camera.name} by {most_px:.3g} px"
         raise ExportError(f"{message}; {_MOST_PX:g} px is most", hint="export rays, which hold any camera")
@@ -56,19 +58,20 @@ def windshield_model(camera: ExportCamera, alternatives: Iterable[str]) -> Model
         inverse_max_px=back_px,
         infinity_max_px=beyond_px,
     )
-    both = {"centre_mm": centre_mm, "rms_px": rms(off), "max_px": most_px}
+    both = {"centre_mm": centre_mm, "rms_px": rms(errors), "max_px": most_px}
     return ModelBehindWindows(**{**asdict(lens), **both}, windshield=windshield)
 
 
 def _without_windows(ready: ReadyCamera) -> ReadyCamera:
+    """The camera with the lens behind the windows alone."""
     windows, lens = parted(ready.camera.prescription)
     first = windows[-1].members.stop
     spectrum = tuple(
         replace(node, indices=node.indices[first:], index_in_front=node.indices[first - 1])
         for node in ready.camera.spectrum
     )
-    alone = replace(ready.camera, prescription=lens, spectrum=spectrum)
-    return replace(ready, rig=Rig.of(Tracer(alone, ready.rig.tracer.seed), ready.rig.square_px))
+    camera = replace(ready.camera, prescription=lens, spectrum=spectrum)
+    return replace(ready, rig=Rig.of(Tracer(camera, ready.rig.tracer.seed), ready.rig.square_px))
 
 
 def _angles(field: FieldRays, centre_mm: np.ndarray) -> np.ndarray:

@@ -34,11 +34,12 @@ def optics(camera: Camera, name: str, record: Json) -> Optics:
     camera.json.
     """
     curves = field_curves(camera, middle_focus(camera), _ROWS)
-    view, shown = view_of(camera), _with_infinities(record)
+    view = view_of(camera)
+    values = _with_infinities(record)
     bundles = field_bundles(view)
     return Optics(
         drawing=drawing.svg(camera, f"{name}: {record['lens']['name']}"),
-        figures=(*text.figures(shown, curves), *_types(shown)),
+        figures=(*text.figures(values, curves), *_types(values)),
         charts=(*_over_height(curves), field_curvature(camera), transfer(view, bundles)),
         spots=spots(view, bundles),
         surfaces=surface_shapes(camera.prescription),
@@ -79,16 +80,16 @@ def _over_height(curves: FieldCurves) -> Iterator[Chart]:
 
 
 def transfer(camera: Camera, bundles: list[FieldBundle]) -> Chart:
-    """Geometric MTF of the spots in focus, along x and y of the image."""
+    """Geometric MTF of the spots in focus, |sum w exp(2 pi i f x)| / sum w, along x and y of the image."""
     frequency = np.linspace(0.0, _NYQUIST, _FREQUENCIES)
     distance = min(middle_focus(camera), FARTHEST_MM)
     lines = []
     for field in bundles:
-        shown = field.spot(distance)
+        positions = field.spot(distance)
         weight = field.bundle.weight_sr
         for axis, name in enumerate("xy"):
-            waves = np.exp(2j * np.pi * np.outer(frequency, shown[:, axis]))
-            contrast = np.abs(waves @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
+            phases = np.exp(2j * np.pi * np.outer(frequency, positions[:, axis]))
+            contrast = np.abs(phases @ weight) / weight.sum() if weight.any() else np.full(len(frequency), np.nan)
             lines.append(Line(name=f"{field.name}, {name}", y=drawn(contrast), is_dashed=axis == 1))
     remark = "of the rays of one position in focus: without diffraction and without the pixel's own size"
     return Chart(

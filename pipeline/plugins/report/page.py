@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 INDEX = "index.html"
 _STAGE = "dataset.usda"
 ASSETS = (INDEX, "report.js", "report.css", "LICENSES.txt")
-_KEPT = "Information"
+_KEPT_HEADING = "Information"
 """Heading of the section that is kept from an earlier report of the same build: whoever told it is not asked again."""
 _MARK = b'<meta name="generator" content="plenoptic-pipeline">'
 """Line of the page by which a folder is recognised as a report of ours."""
@@ -104,16 +104,16 @@ def write_page(
         scripts=scripts,
         told=told,
     )
-    told_scripts = {name: dict(_told(source, name, state)) for name in output.cameras}
+    told_scripts = {name: dict(_told_scripts(source, name, state)) for name in output.cameras}
     bodies = loaded.dataset.cameras if loaded and loaded.dataset else ()
     entries = {channel.full_name: channel for entry in bodies for channel in entry.in_channels}
     cameras = [
         camera_part(source, camera, _optics(source, entries.get(name), camera.record), told_scripts[name])
         for name, camera in output.cameras.items()
     ]
-    kept = scripts.keep("history") if history is None else scripts.write("history", history)
+    kept_history = scripts.keep("history") if history is None else scripts.write("history", history)
     _remove_other_images(report, cameras)
-    page = _page(source, manifest, cameras, _targets(source, loaded), kept or "")
+    page = _page(source, manifest, cameras, _targets(source, loaded), kept_history or "")
     scripts.write("page", page)
     for name in ASSETS:
         put(report / name, _asset(name))
@@ -122,20 +122,20 @@ def write_page(
     return report / INDEX
 
 
-def _told(source: ReportedBuild, camera: str, state: str) -> Iterator[tuple[str, str]]:
+def _told_scripts(source: ReportedBuild, camera: str, state: str) -> Iterator[tuple[str, str]]:
     """Headings and scripts of what other plug-ins tell of a camera."""
-    for heading in dict.fromkeys([_KEPT, *source.told]):
+    for heading in dict.fromkeys([_KEPT_HEADING, *source.told]):
         name = f"{heading.lower()}.{camera}.{state[:16]}"
         if told := source.told.get(heading, {}).get(camera):
             yield heading, source.scripts.write(name, ToldPart(lines=told.lines, drawing=told.drawing))
-        elif heading == _KEPT and (kept := source.scripts.keep(name)):
+        elif heading == _KEPT_HEADING and (kept := source.scripts.keep(name)):
             yield heading, kept
 
 
 def _remove_other_images(report: Path, cameras: list[CameraPart]) -> None:
-    shown = [picture for camera in cameras for picture in camera.pictures]
-    shown += [picture for camera in cameras for view in camera.views for picture in view.pictures]
-    used = {Path(picture.path).name for picture in shown}
+    pictures = [picture for camera in cameras for picture in camera.pictures]
+    pictures += [picture for camera in cameras for view in camera.views for picture in view.pictures]
+    used = {Path(picture.path).name for picture in pictures}
     for path in (report / "images").iterdir():
         if path.name not in used:
             shutil.rmtree(path) if path.is_dir() else path.unlink()

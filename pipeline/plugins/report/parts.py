@@ -105,7 +105,8 @@ class ReportedBuild:
 
 def camera_part(source: ReportedBuild, camera: BuiltCamera, optics: str | None, told: dict[str, str]) -> CameraPart:
     """A camera with its views; writes the scripts of its tables, and puts its images into the report."""
-    record, (width, height) = camera.record, camera.size_px
+    record = camera.record
+    width, height = camera.size_px
     certificate = source.certificate.get(camera.name)
     return CameraPart(
         name=camera.name,
@@ -132,6 +133,7 @@ def _micro_images(source: ReportedBuild, camera: BuiltCamera) -> str | None:
 
 
 def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
+    """A view; writes the script of its table, and puts the images of its channel and of its body into the report."""
     folder = f"frames/{view.frame:04d}/{folder_of(camera.name)}"
     facts = source.points[camera.name]
     visible = next(row["seen"] for row in facts["frames"] if row["frame"] == view.frame)
@@ -141,8 +143,8 @@ def _view(source: ReportedBuild, camera: BuiltCamera, view: BuiltView) -> View:
         pictures += _pictures(source, body, ("image", "raw", "labels"), "all channels: ")
     for heading, cameras in source.told.items():
         if told := cameras.get(camera.name):
-            shown = told.pictures(view.frame).items()
-            pictures += tuple(told_picture(pixels, kind, heading, source.report) for kind, pixels in shown)
+            others = told.pictures(view.frame).items()
+            pictures += tuple(told_picture(pixels, kind, heading, source.report) for kind, pixels in others)
     poses = view.poses
     return View(
         frame=view.frame,
@@ -196,13 +198,13 @@ def micro_image_data(images: np.recarray, outlines: np.recarray) -> MicroImageDa
     """Lit micro-images, with the outline of all of their light."""
     names = [name for name in outlines.dtype.names or () if name.startswith(_OUTER)]
     row_of = {key: row for row, key in enumerate(_keys(images))}
-    shown = images[[row_of[key] for key in _keys(outlines)]].view(np.recarray)
+    lit = images[[row_of[key] for key in _keys(outlines)]].view(np.recarray)
     return MicroImageData(
-        k=tuple(shown.microlens_k.tolist()),
-        l=tuple(shown.microlens_l.tolist()),
-        type=tuple(shown.microlens_type.tolist()),
-        centre_x_px=drawn(shown.centre_x_px),
-        centre_y_px=drawn(shown.centre_y_px),
+        k=tuple(lit.microlens_k.tolist()),
+        l=tuple(lit.microlens_l.tolist()),
+        type=tuple(lit.microlens_type.tolist()),
+        centre_x_px=drawn(lit.centre_x_px),
+        centre_y_px=drawn(lit.centre_y_px),
         outline_x_px=drawn(outlines.centroid_x_px),
         outline_y_px=drawn(outlines.centroid_y_px),
         outline_radius_px=tuple(
@@ -222,33 +224,35 @@ def _plain(column: np.ndarray) -> tuple[Any, ...]:
 def picture_of(folder: BuiltFolder, file: str, kind: str, report: Path) -> Picture:
     """Put an image of the build into the report, unless it is there; UsageError if it has vanished, or DamagedFile."""
     source = folder.present(file)
-    name, (width, height) = f"images/{folder.digests[file][:_NAME]}", png_size(source)
-    shown = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)
-    return _put(shown, name, report, lambda: read_png(source), source.read_bytes)
+    name = f"images/{folder.digests[file][:_NAME]}"
+    width, height = png_size(source)
+    picture = Picture(kind=kind, width_px=width, height_px=height, path=f"{name}.png", tile_px=None, levels=1)
+    return _put(picture, name, report, lambda: read_png(source), source.read_bytes)
 
 
 def told_picture(pixels: np.ndarray, kind: str, heading: str, report: Path) -> Picture:
     """Put a picture that another plug-in made into the report."""
     data = png_bytes(pixels)
-    name, (height, width) = f"images/{hashlib.sha256(data).hexdigest()[:_NAME]}", pixels.shape[:2]
+    name = f"images/{hashlib.sha256(data).hexdigest()[:_NAME]}"
+    height, width = pixels.shape[:2]
     path = f"{name}.png"
-    shown = Picture(kind=kind, width_px=width, height_px=height, path=path, tile_px=None, levels=1, section=heading)
-    return _put(shown, name, report, lambda: pixels, lambda: data)
+    picture = Picture(kind=kind, width_px=width, height_px=height, path=path, tile_px=None, levels=1, section=heading)
+    return _put(picture, name, report, lambda: pixels, lambda: data)
 
 
 def _put(
-    shown: Picture, name: str, report: Path, pixels: Callable[[], np.ndarray], data: Callable[[], bytes]
+    picture: Picture, name: str, report: Path, pixels: Callable[[], np.ndarray], data: Callable[[], bytes]
 ) -> Picture:
     """The picture as one file, or, of a large one, as tiles; either is written unless it is there."""
-    if max(shown.width_px, shown.height_px) <= _WHOLE_PX:
-        if not (report / shown.path).is_file():
-            put(report / shown.path, data())
-        return shown
+    if max(picture.width_px, picture.height_px) <= _WHOLE_PX:
+        if not (report / picture.path).is_file():
+            put(report / picture.path, data())
+        return picture
     # Each level is half of the next one; level 0 fits into one tile.
-    levels = 1 + math.ceil(math.log2(max(shown.width_px, shown.height_px) / _TILE_PX))
+    levels = 1 + math.ceil(math.log2(max(picture.width_px, picture.height_px) / _TILE_PX))
     if not (report / name / "0").is_dir():  # the smallest level is written last
         _write_tiles(report / name, pixels(), levels)
-    return dataclasses.replace(shown, path=name, tile_px=_TILE_PX, levels=levels)
+    return dataclasses.replace(picture, path=name, tile_px=_TILE_PX, levels=levels)
 
 
 def _write_tiles(folder: Path, pixels: np.ndarray, levels: int) -> None:
@@ -278,55 +282,56 @@ def _halved(pixels: np.ndarray) -> np.ndarray:
 def residuals(camera: BuiltCamera, certificate: Mapping[str, Any] | None) -> Residuals:
     """Statistics over all frames; maps show evenly taken rows. The certificate is that of the manifest, if any."""
     claim_px = certificate["claim_px"] if certificate else None
-    apart = np.array(certificate["differences_px"] if certificate else (), float)
+    differences = np.array(certificate["differences_px"] if certificate else (), float)
     rows = camera.correspondences
     empty = np.zeros(0)
     if len(rows) == 0:
         return Residuals(histograms=(), **dict.fromkeys(("x_px", "y_px", "rho_px", "dx_px", "dy_px"), ()))
-    off = _off_pinhole(camera)
+    deviation = _pinhole_deviation(camera)  # None for plenoptic cameras
     sigma = np.hypot(rows.sigma_x_px, rows.sigma_y_px)
-    title = f"Differences that the certificate found, {len(apart)} of {len(rows):,} rows"
+    title = f"Differences that the certificate found, {len(differences)} of {len(rows):,} rows"
     histograms = [
-        _histogram(title, apart, is_logarithmic=True, mark=claim_px),
+        _histogram(title, differences, is_logarithmic=True, mark=claim_px),
         _histogram("Stated standard error of a row", sigma, is_logarithmic=True, mark=claim_px),
         _histogram("Signed blur radius", rows.rho_px),
         _histogram("Hit fraction", rows.hit_fraction, ""),
     ]
-    if off is not None and camera.pinhole_with_distortion is not None:
+    if deviation is not None and camera.pinhole_with_distortion is not None:
         title = "Left by the pinhole with distortion"
         rms = camera.pinhole_with_distortion.rms_px
-        lengths = np.hypot(*off.T)
+        lengths = np.hypot(*deviation.T)
         histograms.append(_histogram(title, lengths, is_logarithmic=True, mark=rms, mark_name="its rms"))
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(_POINTS, len(rows))).astype(int))
-    dx, dy = (empty, empty) if off is None else off[chosen].T
+    sample = np.unique(np.linspace(0, len(rows) - 1, min(_POINTS, len(rows))).astype(int))
+    dx, dy = (empty, empty) if deviation is None else deviation[sample].T
     return Residuals(
         histograms=tuple(histogram for histogram in histograms if histogram is not None),
-        x_px=drawn(rows.x_px[chosen]),
-        y_px=drawn(rows.y_px[chosen]),
-        rho_px=drawn(rows.rho_px[chosen]),
+        x_px=drawn(rows.x_px[sample]),
+        y_px=drawn(rows.y_px[sample]),
+        rho_px=drawn(rows.rho_px[sample]),
         dx_px=tuple(dx.tolist()),
         dy_px=tuple(dy.tolist()),
     )
 
 
-def _off_pinhole(camera: BuiltCamera) -> np.ndarray | None:
+def _pinhole_deviation(camera: BuiltCamera) -> np.ndarray | None:
     """Positions minus those of the equivalent pinhole with distortion, (n, 2) [px]; None for plenoptic cameras."""
     pinhole = camera.pinhole_with_distortion
     if pinhole is None or camera.is_plenoptic:
         return None
-    parts = [_off_in_view(view, pinhole) for view in camera.views]
+    parts = [_deviation_in_view(view, pinhole) for view in camera.views]
     return np.concatenate([part for part in parts if part is not None]) if parts else None
 
 
-def _off_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
+def _deviation_in_view(view: BuiltView, pinhole: BuiltPinhole) -> np.ndarray:
+    """Positions minus those of the pinhole, (n, 2) [px]; NaN for rows of a target without a pose."""
     rows = view.correspondences
-    off = np.full((len(view.correspondences), 2), np.nan)
+    deviation = np.full((len(view.correspondences), 2), np.nan)
     for name, pose in view.poses.pinhole_from_target.items():
         on_target = rows.target == name
         points = np.column_stack([rows[f"target_{axis}_mm"][on_target] for axis in "xyz"])
-        seen_px = np.column_stack([rows.x_px[on_target], rows.y_px[on_target]])
-        off[on_target] = seen_px - pinhole.projected(apply(pose, points))
-    return off
+        positions_px = np.column_stack([rows.x_px[on_target], rows.y_px[on_target]])
+        deviation[on_target] = positions_px - pinhole.projected(apply(pose, points))
+    return deviation
 
 
 def _histogram(

@@ -98,11 +98,11 @@ class Report:
 
         destination = folder or place_of(out)
         loaded = stage_of(out, warn)
-        self._ask_others(out, warn)
+        self._collect_sections(out, warn)
         is_told = not self.has_run and (destination / "data/history.js").is_file()
         return write_page(out, destination, loaded, None if is_told else self._history(out), self.told)
 
-    def _ask_others(self, out: Path, warn: Callable[[str], None]) -> None:
+    def _collect_sections(self, out: Path, warn: Callable[[str], None]) -> None:
         """Let plug-ins tell about a build; their failure fails no report."""
         stage = Path(OurFiles(out, Store()).stage)
         for name in offered("section") if stage.is_file() else ():
@@ -115,15 +115,15 @@ class Report:
         """Write the report of a build that has just ended, unless it exists; its failure fails no build."""
         from pipeline.plugins.report.page import INDEX, is_current, place_of
 
-        where = place_of(out)
+        folder = place_of(out)
         try:
-            if not self.has_run and is_current(out, where):
-                return where / INDEX
+            if not self.has_run and is_current(out, folder):
+                return folder / INDEX
             return self.write(out, warn=warn)
         except PipelineError as error:
             warn(f"no report was written: {error.message}")
         except OSError as error:
-            warn(f"no report was written to {where}: {error.strerror}")
+            warn(f"no report was written to {folder}: {error.strerror}")
         return None
 
     def _history(self, out: Path) -> History:

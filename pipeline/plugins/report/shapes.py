@@ -98,8 +98,8 @@ def ray_fans(camera: Camera) -> tuple[RayFan, ...]:
     # The image is upside down on the sensor: its top left lies at +x, +y of the vision frame.
     centre = np.array([sensor.offset_x_mm, sensor.offset_y_mm])
     fans = []
-    for name, share in ends:
-        corner = share * np.array([half_x, half_y])
+    for name, fraction in ends:
+        corner = fraction * np.array([half_x, half_y])
         lit = lit_share(tracer.table, tracer.stop_row, *tracer.on_film(np.stack([centre, centre + corner])))
         start = np.array([[*(centre + (1.0 if lit == 1 else _RIM * lit) * corner), tracer.film_z_mm]])
         fans.append(RayFan(place=name, rays=_rays(camera, camera.in_vision(start)[0])))
@@ -112,18 +112,18 @@ def _rays(camera: Camera, start_mm: np.ndarray) -> tuple[tuple[tuple[float, floa
     radius = math.sqrt(table[0, SEMI_DIAMETER_SQUARED])
     for count in (_ACROSS, _FINE):  # the finer one where no ray of the other passes
         u = np.linspace(-radius, radius, count)
-        aim = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
-        if _traced(table, start_mm, aim)[1].passes.any():
+        aims = np.stack(np.meshgrid(u, u), axis=-1).reshape(-1, 2)
+        if _traced(table, start_mm, aims)[1].passes.any():
             break
     for _ in range(2):  # again within what passed: a narrow stop lets few rays through
-        passes = _traced(table, start_mm, aim)[1].passes
+        passes = _traced(table, start_mm, aims)[1].passes
         if not passes.any():
             return ()
-        low, high = aim[passes].min(axis=0), aim[passes].max(axis=0)
-        step = (aim[:, 0].max() - aim[:, 0].min()) / (math.isqrt(len(aim)) - 1)
+        low, high = aims[passes].min(axis=0), aims[passes].max(axis=0)
+        step = (aims[:, 0].max() - aims[:, 0].min()) / (math.isqrt(len(aims)) - 1)
         across = [np.linspace(low[i] - 0.6 * step, high[i] + 0.6 * step, _ACROSS) for i in (0, 1)]
-        aim = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
-    points, (exit_point, direction, passes) = _traced(table, start_mm, aim)
+        aims = np.stack(np.meshgrid(*across), axis=-1).reshape(-1, 2)
+    points, (exit_point, direction, passes) = _traced(table, start_mm, aims)
     focus = middle_focus(camera)
     reach = 1.15 * focus if math.isfinite(focus) else 20.0 * camera.sensor_distance_mm
     ahead = direction[:, 2]

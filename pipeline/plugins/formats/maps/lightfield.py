@@ -85,6 +85,6 @@ def _unshifted(view: np.ndarray, axis: int) -> np.ndarray:
     """A view whose lines 0, 2, … lie half a step farther along an axis, resampled as the mean of two neighbours."""
     lines = np.moveaxis(view, axis, 1)
     straight = lines.copy()
-    before = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
-    straight[0::2] = (before + lines[0::2]) / 2
+    previous = np.concatenate([np.full_like(lines[0::2, :1], np.nan), lines[0::2, :-1]], axis=1)
+    straight[0::2] = (previous + lines[0::2]) / 2
     return np.moveaxis(straight, 1, axis)

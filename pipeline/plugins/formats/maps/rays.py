@@ -38,6 +38,7 @@ def write(material: Material, folder: Path) -> None:
 
 
 def _write_exr(path: Path, material: Material, camera: ExportCamera, pixels: TracedPixels) -> None:
+    """Write rays, and numbers of microlenses, as channels of an EXR file."""
     names = tuple(f"{name}.{axis}" for name in _VECTORS for axis in "XYZ")
     if pixels.microlenses is not None:
         names = (*names, "microlens.k", "microlens.l")

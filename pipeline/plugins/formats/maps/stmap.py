@@ -34,7 +34,7 @@ FORMAT = Format(
     axes=ImageAxes.X_UP,
 )
 
-There = Callable[[np.ndarray], np.ndarray]
+Positions = Callable[[np.ndarray], np.ndarray]
 """Function from positions (n, 2) in one picture to positions (n, 2) in the other; NaN where there is none."""
 _NOWHERE = -1
 """Value of a pixel without a source: outside of both pictures, and a number, which compositors require."""
@@ -44,7 +44,7 @@ _MARGIN = 0.05
 """Part of the width and height that is traced beyond the image on each side [1]: corners of ideal images lie there."""
 _DEGREE = 5
 """Degree of the splines along x and y: errors fall with the sixth power of the distance of positions."""
-_JUDGED = 64
+_TESTED = 64
 """Positions between the traced ones at which the error is measured."""
 _STEPS, _SETTLED_PX = 30, 1e-9
 """Most steps of Newton's method for the inverse, and the length of a step that ends it [px]."""
@@ -60,10 +60,10 @@ def write(material: Material, folder: Path) -> None:
         about: dict[str, str | float | int] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
         about |= {"plane_mm": ideal.z_mm, "error_px": _error_px(camera, ideal)}
         about |= {"pinhole_f_px": f, "pinhole_x": x, "pinhole_y": y}
-        for name, there in (("undistort", ideal.to_real), ("distort", ideal.to_ideal)):
-            parts = [_part(camera, name, ("R", "G"), partial(_rows, camera, there), about)]
+        for name, mapped in (("undistort", ideal.to_real), ("distort", ideal.to_ideal)):
+            parts = [_part(camera, name, ("R", "G"), partial(_rows, camera, mapped), about)]
             if name == "undistort" and camera.built.shutter:
-                parts.append(_part(camera, "time", ("Y",), partial(_times, camera, camera.built.shutter, there), {}))
+                parts.append(_part(camera, "time", ("Y",), partial(_times, camera, camera.built.shutter, mapped), {}))
             write_bands(folder / f"{camera.name}.{name}.exr", parts)
 
 
@@ -73,9 +73,9 @@ def _part(
     return BandedPart(name=name, shape=camera.size_px[::-1], channels=channels, rows=rows, attributes=about)
 
 
-def _times(camera: ExportCamera, shutter: Shutter, there: There, first: int, end: int) -> np.ndarray:
+def _times(camera: ExportCamera, shutter: Shutter, mapped: Positions, first: int, end: int) -> np.ndarray:
     """Mid-exposure times [s] of the sources of the pixels of rows; NaN where there is none."""
-    return shutter.middle_s(there(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)
+    return shutter.middle_s(mapped(_pixels(camera, first, end)), camera.size_px).reshape(end - first, -1)
 
 
 def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
@@ -84,9 +84,9 @@ def _pixels(camera: ExportCamera, first: int, end: int) -> np.ndarray:
     return np.stack([x, y], axis=1).astype(float)
 
 
-def _rows(camera: ExportCamera, there: There, first: int, end: int) -> np.ndarray:
+def _rows(camera: ExportCamera, mapped: Positions, first: int, end: int) -> np.ndarray:
     """Rows of a map: s and t of each pixel's source."""
-    shares = camera.rays.positions(there(_pixels(camera, first, end)))
+    shares = camera.rays.positions(mapped(_pixels(camera, first, end)))
     return np.where(np.isnan(shares), _NOWHERE, shares).reshape(end - first, -1, 2)
 
 
@@ -106,19 +106,19 @@ class _IdealMap:
         return np.where(inside, x_px + self._shift(x_px), np.nan)
 
     def to_real(self, u_px: np.ndarray) -> np.ndarray:
-        """Positions in the camera of positions (n, 2) of the ideal image; NaN where there is none."""
+        """Positions in the camera of positions (n, 2) of the ideal image, by Newton's method; NaN if there is none."""
         x = np.clip(u_px, self.low, self.high)
         rows = np.arange(len(u_px))
         for _ in range(_STEPS):
             current_px = x[rows]
-            miss = current_px + self._shift(current_px) - u_px[rows]
+            off_px = current_px + self._shift(current_px) - u_px[rows]
             slopes = np.stack([self._shift(current_px, dx=1), self._shift(current_px, dy=1)], axis=2) + np.eye(2)
-            x[rows] = np.clip(current_px - np.linalg.solve(slopes, miss[:, :, None])[:, :, 0], self.low, self.high)
+            x[rows] = np.clip(current_px - np.linalg.solve(slopes, off_px[:, :, None])[:, :, 0], self.low, self.high)
             rows = rows[np.abs(x[rows] - current_px).max(axis=1) > _SETTLED_PX]  # those at the edge stay there, too
             if not len(rows):
                 break
-        is_found = np.abs(x + self._shift(x) - u_px).max(axis=1) < _FOUND_PX
-        return np.where(is_found[:, None], x, np.nan)
+        is_solved = np.abs(x + self._shift(x) - u_px).max(axis=1) < _FOUND_PX
+        return np.where(is_solved[:, None], x, np.nan)
 
     def _shift(self, x_px: np.ndarray, **derivative: int) -> np.ndarray:
         return np.stack([spline.ev(x_px[:, 0], x_px[:, 1], **derivative) for spline in self.splines], axis=1)
@@ -160,6 +160,6 @@ def _traced(camera: ExportCamera, pinhole: BuiltPinhole, z_mm: float, x_px: np.n
 def _error_px(camera: ExportCamera, ideal: _IdealMap) -> float:
     """Largest difference of the map from traced rays at positions between those that made it."""
     size = np.array(camera.size_px, float)
-    x_px = np.random.default_rng(1).uniform(np.full(2, -0.5), size - 0.5, (_JUDGED, 2))
-    apart = ideal.to_ideal(x_px) - _traced(camera, ideal.pinhole, ideal.z_mm, x_px)
-    return float(np.hypot(*apart.T).max())
+    x_px = np.random.default_rng(1).uniform(np.full(2, -0.5), size - 0.5, (_TESTED, 2))
+    difference = ideal.to_ideal(x_px) - _traced(camera, ideal.pinhole, ideal.z_mm, x_px)
+    return float(np.hypot(*difference.T).max())

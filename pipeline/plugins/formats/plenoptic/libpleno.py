@@ -140,7 +140,9 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
     It looks along z, its main lens in the origin, array and sensor behind it; a pixel is u = W - 1 - x / scale of the
     sensor's own x. The micro-image (k, l) lies on the line from the origin through its microlens.
     """
-    (_, mesh), scale, last = camera.array, camera.pitch_mm, np.array(camera.size_px) - 1
+    _, mesh = camera.array
+    scale = camera.pitch_mm
+    last = np.array(camera.size_px) - 1
     corner = -(last - camera.axis) * scale
     sensor = _pose(np.eye(3), [*corner.tolist(), -(model.main_lens_mm + model.sensor_mm)])
     size = {"width": camera.size_px[0], "height": camera.size_px[1]}
@@ -170,7 +172,8 @@ def _intrinsics(camera: ExportCamera, model: ThinLens) -> dict[str, Any]:
 
 def _array_pose(mesh: GridMesh, axis: np.ndarray, per_px: float, distance_mm: float) -> dict[str, Any]:
     """Pose of the array, whose nodes are those of the micro-images seen from the main lens, turned by 180 deg."""
-    (columns, rows), (across, down) = _size(mesh), mesh.step_px
+    columns, rows = _size(mesh)
+    across, down = mesh.step_px
     shift = mesh.pitch_px[0] / 2 if mesh.layout == "hexagonal" else 0  # node (0, 0) is shifted in rows alone
     first = (axis - mesh.image_position(across * (columns - 1) + shift, down * (rows - 1))) * per_px
     cos, sin = math.cos(mesh.angle_rad), math.sin(mesh.angle_rad)

@@ -49,6 +49,7 @@ def write(material: Material, folder: Path) -> None:
 
 
 def _elements(camera: ExportCamera, mesh: GridMesh) -> Iterator[str]:
+    """Lines of the calibration; ExportError if virtual depths cannot state the depth of field."""
     depths = _virtual_depths(camera)
     if min(near for near, _ in depths) <= 0:
         raise ExportError(
@@ -95,13 +96,13 @@ def _virtual_depths(camera: ExportCamera) -> list[tuple[float, float]]:
     """Depth of field of each type as virtual depths; an end at the front focal point of the main lens is inf."""
     record = camera.built.record
     model = camera.thin_lens
-    lens, types = record["lens"], record["mla"]["types"]
-    front = lens["principal_planes_mm"][0]
+    types = record["mla"]["types"]
+    front = record["lens"]["principal_planes_mm"][0]
     ends = []
     for number in camera.array[0].own_types.tolist():
-        away = [float(end) - front for end in types[number]["depth_of_field_mm"]]
-        behind = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in away]
-        depths = sorted(distance / model.sensor_mm for distance in behind)
+        distances = [float(end) - front for end in types[number]["depth_of_field_mm"]]
+        image_distances = [_image_mm(model.focal_mm, distance) - model.main_lens_mm for distance in distances]
+        depths = sorted(distance / model.sensor_mm for distance in image_distances)
         ends.append((depths[0], depths[-1]))
     return ends
 

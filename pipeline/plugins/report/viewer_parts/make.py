@@ -61,9 +61,11 @@ def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> PartMesh:
     points = [*poles, *around]
     moved = [np.array(shape.moved) for shape in (front, behind)]
     placed = np.concatenate(points)
-    placed[0], placed[1] = apply(moved[0], placed[:1])[0], apply(moved[1], placed[1:2])[0]
+    placed[0] = apply(moved[0], placed[:1])[0]
+    placed[1] = apply(moved[1], placed[1:2])[0]
     placed[2 : 2 + half] = apply(moved[0], placed[2 : 2 + half])
     placed[2 + half :] = apply(moved[1], placed[2 + half :])
+    # Triangles from the front pole to the first ring, quadrilaterals from ring to ring, triangles to the rear pole
     faces: list[tuple[int, ...]] = []
     for step in range(_AROUND):
         after = (step + 1) % _AROUND
@@ -77,6 +79,7 @@ def _element(name: str, front: SurfaceShape, behind: SurfaceShape) -> PartMesh:
 
 
 def _stop(shapes: tuple[SurfaceShape, ...]) -> PartMesh:
+    """A flat ring around the opening, somewhat wider than the lens."""
     stop = next(shape for shape in shapes if shape.is_stop)
     widest = 1.05 * max(shape.height_mm[-1] for shape in shapes)
     angle = np.linspace(0.0, 2 * math.pi, _AROUND, endpoint=False)
