@@ -32,7 +32,8 @@ from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 def plan_pictures(draft: Draft) -> None:
     """Add the pictures that prims of a dataset name."""
     tasks = _picture_tasks(draft)
-    draft.files.update({each.file: (tasks[each.name], source_name(each.suffix)) for each in draft.dataset.pictures})
+    pictures = draft.dataset.pictures
+    draft.files.update({picture.file: (tasks[picture.name], source_name(picture.suffix)) for picture in pictures})
 
 
 def _picture_tasks(draft: Draft) -> dict[str, str]:
@@ -64,11 +65,11 @@ class LitThings(Things):
 
     def view(self, frame: Frame, entry: CameraEntry, colours: tuple[Colours, ...]) -> LitPaintedView:
         """A frame before a camera, with its lamps."""
-        shown = super().view(frame, entry, colours)
+        unlit = super().view(frame, entry, colours)
         return LitPaintedView(
-            targets=shown.targets,
-            occluders=shown.occluders,
-            background=shown.background,
+            targets=unlit.targets,
+            occluders=unlit.occluders,
+            background=unlit.background,
             colours=colours,
             lighting=self.lighting(frame, entry, entry.bounces),
             lights=lights_of(entry),
@@ -76,7 +77,8 @@ class LitThings(Things):
 
     def lighting(self, frame: Frame, entry: CameraEntry, bounces: int) -> Lighting:
         """The lamps of a frame, and the coats and finishes of everything in it."""
-        vision, motions = np.array(frame.camera_from_world[entry.name]), frame.motions.get(entry.name)
+        vision = np.array(frame.camera_from_world[entry.name])
+        motions = frame.motions.get(entry.name)
         lamps = [
             PlacedLamp(
                 lamp=lamp,
@@ -97,13 +99,16 @@ def plan_labels(draft: Draft) -> None:
 
 
 def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
+    """Add the labels of a camera: tiles of each frame, and the task that joins them."""
     dataset, bare = draft.dataset, draft.bare
-    exposure, asked = replace(exposure_of(entry), channel=None), set(entry.labels)
+    exposure = replace(exposure_of(entry), channel=None)
+    tokens = set(entry.labels)
+    in_world = bool({"position", "normal"} & tokens)
     ordered = sorted(dataset.frames, key=lambda frame: frame.number)
-    following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in asked}
-    for frame in dataset.frames_of(entry) if asked else ():
+    following = {frame.number: later for frame, later in pairwise(ordered) if "flow" in tokens}
+    for frame in dataset.frames_of(entry) if tokens else ():
         world_from_vision = inverse(np.array(frame.camera_from_world[entry.name]))
-        motions, in_world = frame.motions.get(entry.name), bool({"position", "normal"} & asked)
+        motions = frame.motions.get(entry.name)
         shutter = shutter_in(entry, frame, in_world=in_world)
         materials = bare.lighting(frame, entry, 0) if isinstance(bare, LitThings) else None
         tile = LabelsTile(
@@ -122,19 +127,20 @@ def _plan_labels(draft: Draft, entry: CameraEntry) -> None:
         )
         name = f"{entry.name}/{frame.number:04d}"
         reads = {"camera": draft.camera(entry)}
-        together = f"labels/{entry.name}"
+        group = f"labels/{entry.name}"
         if later := following.get(frame.number):
-            then = _in_frame(dataset, entry, later)
-            tile = replace(tile, later=_next_frame(dataset, frame, later, then, bare))
-            if then.name != entry.name:
-                reads["next"], together = draft.camera(then), f"labels/{entry.name}/{then.name}"
+            next_state = _in_frame(dataset, entry, later)
+            tile = replace(tile, later=_next_frame(dataset, frame, later, next_state, bare))
+            if next_state.name != entry.name:
+                reads["next"] = draft.camera(next_state)
+                group = f"labels/{entry.name}/{next_state.name}"
         if tile.view.lighting:
             reads |= _picture_tasks(draft)
         parts = [replace(tile, rows=rows) for rows in image_bands(entry.asked.sensor, entry.image_samples)]
-        tiles = draft.add_tiles(f"labels_tile/{name}", parts, reads, together, least=1)
+        tiles = draft.add_tiles(f"labels_tile/{name}", parts, reads, group, least=1)
         joined = Labels(exposure=exposure, channels=tile.channels, tiles=len(tiles))
-        task, outputs = draft.add(f"labels/{name}", joined, tiles), (LABELS, PREVIEW, BOXES)
-        delivered = outputs if "targets" in asked else outputs[:2]
+        task = draft.add(f"labels/{name}", joined, tiles)
+        delivered = (LABELS, PREVIEW, BOXES) if "targets" in tokens else (LABELS, PREVIEW)
         draft.files.update({f"frames/{frame.number:04d}/{entry.name}/{file}": (task, file) for file in delivered})
 
 
@@ -146,19 +152,21 @@ def _in_frame(dataset: Dataset, entry: CameraEntry, frame: Frame) -> CameraEntry
 
 def _next_frame(dataset: Dataset, frame: Frame, later: Frame, camera: CameraEntry, bare: Things) -> NextFrame:
     """Targets and occluders of a frame, posed as in the next frame, before the camera there."""
-    poses, motions = target_poses(dataset, later, camera.name), later.motions.get(camera.name)
-    there = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
+    poses = target_poses(dataset, later, camera.name)
+    motions = later.motions.get(camera.name)
+    occluder_of = dict(zip(_paths(dataset, later), bare.occluders(later, camera.name), strict=True))
     shutter = shutter_in(camera, later)
     return NextFrame(
         targets=bare.targets(poses, motions, named=False),
-        occluders=tuple(map(there.get, _paths(dataset, frame))),
+        occluders=tuple(map(occluder_of.get, _paths(dataset, frame))),
         shutter=shutter and replace(shutter, instants=1),
     )
 
 
 def _lets_pass(dataset: Dataset) -> bool:
     """Whether any finish may let light pass."""
-    finishes, solid = [each.finish for each in dataset.occluders if each.finish], Material().opacity
+    solid = Material().opacity
+    finishes = [occluder.finish for occluder in dataset.occluders if occluder.finish]
     return any(material.opacity != solid or material.glass for finish in finishes for material in finish.materials)
 
 
@@ -168,6 +176,7 @@ def _paths(dataset: Dataset, frame: Frame) -> list[str]:
 
 
 def _label_channels(dataset: Dataset, entry: CameraEntry, frame: Frame) -> Channels:
+    """Channels of the labels that a camera asks for, with the names of the things in a frame."""
     prims = (*(each.prim_path for each in dataset.targets), *_paths(dataset, frame))
     instances = {each.prim_path: each.instance for each in dataset.occluders if each.instance}
     mattes = {"prim": ("CryptoObject", prims), "instance": ("CryptoAsset", tuple(instances.get(p, p) for p in prims))}

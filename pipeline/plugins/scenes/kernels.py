@@ -12,6 +12,7 @@ from pipeline.targets.mesh import Occluder
 
 
 def _paths_of_light() -> None:
+    """Trace rays to a card with a hole, a glass prism and a solid card under a sky."""
     corners = np.array([[-9.0, -9.0, 50.0], [9.0, -9.0, 50.0], [0.0, 9.0, 50.0], [0.0, 0.0, 60.0]])
     card = Occluder(vertices_mm=corners[:3], triangles=np.array([[0, 1, 2]]))
     prism = Occluder(vertices_mm=corners, triangles=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))

@@ -62,23 +62,23 @@ def _from_8_or_16_bits(content: bytes, suffix: str) -> tuple[np.ndarray, float]:
     try:
         with Image.open(io.BytesIO(content), formats=[_FORMATS[suffix]]) as picture:
             _require_few(4 * picture.width * picture.height)
-            deep = picture.mode.startswith("I;16")
-            kind = picture.mode if deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
-            if "transparency" in picture.info and not deep:  # a colour that stands for a hole
+            is_deep = picture.mode.startswith("I;16")
+            kind = picture.mode if is_deep else {"L": "L", "1": "L", "LA": "LA", "RGB": "RGB"}.get(picture.mode, "RGBA")
+            if "transparency" in picture.info and not is_deep:  # a colour that stands for a hole
                 kind = "LA" if kind == "L" else "RGBA"
-            if picture.format == "PNG" and content[24] == _BITS and not deep:
+            if picture.format == "PNG" and content[24] == _BITS and not is_deep:
                 return _by_opencv(content), _DEEP  # Pillow keeps 8 bits of each
             tile: Any = picture.tile[0] if picture.format == "BMP" else None
             if tile and "BGRX" in tile.args:  # opacity, which Pillow leaves out; where all of it is zero it is none
                 raw = Image.frombytes("RGBA", picture.size, content[tile.offset :], "raw", "BGRA", *tile.args[1:])
                 if (pixels := np.array(raw))[..., 3].any():
                     return pixels, _WHITE
-            pixels = np.array(picture if deep else picture.convert(kind))
+            pixels = np.array(picture if is_deep else picture.convert(kind))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        why = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
+        reason = "" if isinstance(error, UnidentifiedImageError) else f": {error}"
         hint = "write it anew as PNG or JPEG"
-        raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{why}", hint=hint) from error
-    return pixels, _DEEP if deep else _WHITE
+        raise PipelineError(f"is no {_FORMATS[suffix]} that can be read{reason}", hint=hint) from error
+    return pixels, _DEEP if is_deep else _WHITE
 
 
 def _by_opencv(content: bytes) -> np.ndarray:
@@ -114,10 +114,10 @@ def _require_few(values: int) -> None:
 
 def _floats(content: bytes, suffix: str) -> np.ndarray:
     values = np.asarray((_from_exr if suffix == ".exr" else _from_hdr)(content), np.float32)
-    odd = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
-    if odd:
+    count = int(np.count_nonzero(~(np.abs(values) <= _LARGEST)))
+    if count:
         hint = "denoise it, or clip it where the sun is"
-        raise PipelineError(f"has {odd:,} numbers that are not finite, or beyond {_LARGEST:g}", hint=hint)
+        raise PipelineError(f"has {count:,} numbers that are not finite, or beyond {_LARGEST:g}", hint=hint)
     return values
 
 

@@ -19,7 +19,7 @@ from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import parallel_planes
 from pipeline.frames import apply, rigid
 from pipeline.plugins.scenes.labels.cryptomatte import id_of
-from pipeline.plugins.scenes.labels.pixels import RANKS, Asked, labels_of
+from pipeline.plugins.scenes.labels.pixels import RANKS, Requested, labels_of
 from pipeline.plugins.scenes.labels.sight_lines import SightLines
 from pipeline.plugins.scenes.labels.things import LabelledScene, Later
 from pipeline.plugins.scenes.lighting.records import Input, Material
@@ -72,7 +72,7 @@ def labelled(
     lines = SightLines(rig), SightLines(rig_of(then or camera))
     names = [f"t{k}" for k in range(len(targets))] + [f"o{k}" for k in range(len(occluders))]
     ids = np.array([id_of(name) for name in names], np.float32)
-    asked = Asked(TOKENS, tuple(names[: len(targets)]), {"Crypto": ids}, np.eye(4) if pose is None else pose)
+    asked = Requested(TOKENS, tuple(names[: len(targets)]), {"Crypto": ids}, np.eye(4) if pose is None else pose)
     (values,) = labels_of(Band.of(rig), samples, [(LabelledScene(targets, occluders, later), asked)], lines)
     return Labelled(rig, dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True)))
 
@@ -311,7 +311,7 @@ def test_a_mesh_that_changes_its_shape_flows_corner_by_corner():
 def test_bands_of_rows_are_rows_of_the_whole():
     camera, pose = rigs.plenoptic(extent_mm=3.0), rigs.facing(434.4)
     rig = rig_of(camera)
-    asked = Asked(TOKENS, ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
+    asked = Requested(TOKENS, ("t0",), {"Crypto": np.array([id_of("t0")], np.float32)})
     scene = [(LabelledScene([(Target(BOARD, Flat()), pose)], [], Later([pose], [])), asked)]
     lines = SightLines(rig), SightLines(rig)
     (whole,), (some,) = (labels_of(Band.of(rig, rows), 16, scene, lines) for rows in (None, (20, 50)))
@@ -326,7 +326,7 @@ def test_light_passes_a_veil_by_chance_and_a_hole_for_certain(threshold, share):
     lit, camera = scene(things, []), pinhole()
     meshes = [(mesh, np.eye(4)) for mesh, _ in things]
     ids = np.array([id_of("veil"), id_of("wall")], np.float32)
-    asked = Asked(("depth",), (), {"Crypto": ids})
+    asked = Requested(("depth",), (), {"Crypto": ids})
     (values,) = labels_of(Band.of(rig_of(camera), (30, 33)), 1024, [(LabelledScene([], meshes, lit=lit), asked)])
     seen = dict(zip(asked.channels, np.moveaxis(values, 2, 0), strict=True))
     of_veil = sum((seen[f"Crypto00.{a}"] == id_of("veil")) * seen[f"Crypto00.{b}"] for a, b in ("RG", "BA"))

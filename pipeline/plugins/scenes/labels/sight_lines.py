@@ -29,14 +29,20 @@ class SightLines:
 
     def __init__(self, rig: Rig) -> None:
         sensor, images = rig.tracer.camera.sensor, rig.images
-        self._rig, self.size_px = rig, sensor.size_px
+        self._rig = rig
+        self.size_px = sensor.size_px
+        # Positions x = centre + half s: s is at most `_limit` in the maximum norm in the image, in the Euclidean norm
+        # in a micro-image.
         size_px = np.array([[sensor.width_px, sensor.height_px]])
-        self._centre_px, self._half_px, self._reach = (size_px - 1) / 2, size_px / 2, 1.0
-        (self._degree, count), self._norm = _OF_IMAGE, np.inf
+        self._centre_px = (size_px - 1) / 2
+        self._half_px = size_px / 2
+        self._limit, self._norm = 1.0, np.inf
+        self._degree, count = _OF_IMAGE
         if images is not None:
-            self._centre_px, self._reach = rig.tracer.pixels_at(images.centre_mm), 1 / _WITHIN
+            self._centre_px = rig.tracer.pixels_at(images.centre_mm)
             self._half_px = np.repeat(_WITHIN * images.reach_mm[:, None] / sensor.pitch_mm, 2, axis=1)
-            (self._degree, count), self._norm = _OF_MICRO_IMAGE, 2
+            self._limit, self._norm = 1 / _WITHIN, 2
+            self._degree, count = _OF_MICRO_IMAGE
         node = np.cos((2 * np.arange(count) + 1) * np.pi / (2 * count))
         self._nodes = np.stack(np.meshgrid(node, node), axis=-1).reshape(-1, 2)
         self._fit, _ = self._basis(self._nodes)
@@ -44,9 +50,11 @@ class SightLines:
         self._is_fitted = np.zeros(len(self._centre_px), bool)
 
     def _lines_of(self, cell: Int64[np.ndarray, "n"]) -> np.ndarray:
+        """Coefficients of the lines of cells, which are fitted at their first use."""
         cells = np.unique(cell)
         if len(new := cells[~self._is_fitted[cells]]):
-            self._lines[new], self._is_fitted[new] = _fitted(self._fit, self._traced(new)), True
+            self._lines[new] = _fitted(self._fit, self._traced(new))
+            self._is_fitted[new] = True
         return self._lines[cell]
 
     def _traced(self, cells: np.ndarray) -> np.ndarray:
@@ -74,27 +82,32 @@ class SightLines:
 
         `cell`: row of the microlens through which each is seen, or NO_MICROLENS.
         """
-        half, centre, z_mm = self._half_px[cell], self._centre_px[cell], points_mm[:, 2:]
+        half, centre = self._half_px[cell], self._centre_px[cell]
+        z_mm = points_mm[:, 2:]
         # x and y at the depth of each point, as functions of the position alone.
         rays = self._lines_of(cell)
         lines = rays[..., :2] + z_mm[..., None] * rays[..., 2:]
-        s, step = (start_px - centre) / half, np.full(half.shape, np.inf)
+        s = (start_px - centre) / half
+        step = np.full(half.shape, np.inf)
         for _ in range(_STEPS):
             value, slopes = self._basis(s)
-            off = points_mm[:, :2] - np.einsum("nk,nki->ni", value, lines)
+            residual = points_mm[:, :2] - np.einsum("nk,nki->ni", value, lines)
+            # Solve [[a, b], [c, d]] step = residual by Cramer's rule.
             (a, c), (b, d) = (np.einsum("nk,nki->in", slope, lines) for slope in slopes)
-            step = np.stack([d * off[:, 0] - b * off[:, 1], a * off[:, 1] - c * off[:, 0]], axis=1)
+            step = np.stack([d * residual[:, 0] - b * residual[:, 1], a * residual[:, 1] - c * residual[:, 0]], axis=1)
             step /= (a * d - b * c)[:, None]
-            s = np.clip(s + step, -2 * self._reach, 2 * self._reach)
-        is_inside = (np.linalg.norm(s, self._norm, axis=1) <= self._reach) & (points_mm[:, 2] > 0)
+            s = np.clip(s + step, -2 * self._limit, 2 * self._limit)
+        is_inside = (np.linalg.norm(s, self._norm, axis=1) <= self._limit) & (points_mm[:, 2] > 0)
         is_inside &= np.abs(step * half).max(axis=1) < SETTLED_PX
         return np.where(is_inside[:, None], centre + half * s, np.nan)
 
 
 def _fitted(basis: Float64[np.ndarray, "n k"], lines: Float64[np.ndarray, "c n 4"]) -> np.ndarray:
     """Coefficients (c, k, 4) by least squares; NaN where too few nodes have light."""
-    is_lit, result = ~np.isnan(lines[..., 0]), np.full((len(lines), basis.shape[1], 4), np.nan)
+    is_lit = ~np.isnan(lines[..., 0])
+    result = np.full((len(lines), basis.shape[1], 4), np.nan)
     enough = is_lit.mean(axis=1) >= _LIT
+    # Normal equations of each cell; nodes without light have the weight 0
     normal = np.einsum("nk,cn,nl->ckl", basis, is_lit[enough].astype(float), basis, optimize=True)
     result[enough] = np.linalg.solve(normal, np.einsum("nk,cni->cki", basis, np.nan_to_num(lines[enough])))
     return result

@@ -39,7 +39,7 @@ class Later:
         self, points_mm: Float64[np.ndarray, "n 3"], thing: Int64[np.ndarray, "n"], time_s: Float64[np.ndarray, "n"]
     ) -> np.ndarray:
         """Points of things at times after the time code of the frame, (n, 3), from those at the time code."""
-        poses = [*self.targets, *(then and then[1] for then in self.occluders)]
+        poses = [*self.targets, *(occluder and occluder[1] for occluder in self.occluders)]
         result = points_mm.copy()
         for number, (pose, motion) in enumerate(zip(poses, self.motions, strict=True)):
             rows = np.flatnonzero(thing == number)
@@ -49,7 +49,7 @@ class Later:
         return result
 
 
-class Met(NamedTuple):
+class FirstHits(NamedTuple):
     """First hits, of those rays that meet anything."""
 
     ray: np.ndarray  # (n,), index among all rays
@@ -83,20 +83,21 @@ class LabelledScene:
         meshes = [apply(pose, patch.mesh().reshape(-1, 3)).reshape(-1, 3, 3) for _, patch, pose in self._patches]
         solids = [in_vision(occluder, pose) for occluder, pose in occluders]
         everything = [*meshes, *solids]
-        self._lit, self._embree = lit, MeshScene(everything)
+        self._lit = lit
+        self._embree = MeshScene(everything)
         self._corners = np.concatenate([np.zeros((0, 3, 3)), *everything])
         self._thing = np.array([*(k for k, _ in self.faces), *range(len(targets), len(targets) + len(solids))], int)
         # The same triangles in the next frame; targets move by their poses.
         self._motion = [pose @ inverse(now) for pose, (_, now) in zip(later.targets, targets, strict=True)]
         # Of a mesh with other faces nobody knows which point is which.
         moved = [
-            in_vision(*then) if then and len(then[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
-            for mesh, then in zip(solids, later.occluders, strict=True)
+            in_vision(*after) if after and len(after[0].triangles) == len(mesh) else np.full_like(mesh, np.nan)
+            for mesh, after in zip(solids, later.occluders, strict=True)
         ]
-        # Those of targets only hold the places: `met` moves hits on them by the motion.
+        # Those of targets only fill the rows: `first_hits` moves hits on them by the motion.
         self._later = np.concatenate([np.zeros((0, 3, 3)), *meshes, *moved])
 
-    def met(self, of_pixels: PixelRays) -> Met:
+    def first_hits(self, of_pixels: PixelRays) -> FirstHits:
         """First hits of the rays that leave a camera, vision frame [mm]; rays that meet nothing are left out."""
         # Find the first triangle on each ray, or the first that does not let it pass. Both count triangles alike: those
         # of all patches, then those of occluders.
@@ -120,14 +121,16 @@ class LabelledScene:
         # Turn normals against the rays.
         normal *= -np.sign(np.einsum("ni,ni->n", normal, direction))[:, None]
         face = np.where(piece < len(self._patches), piece, -1)
-        return Met(ray, self._thing[piece], face, point, normal, sheet, later)
+        return FirstHits(ray, self._thing[piece], face, point, normal, sheet, later)
 
 
 def _on_planes(
     corners: Float64[np.ndarray, "n 3 3"], origin: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Hits of rays on the planes of triangles: points, unit normals, and shares (n, 3) of the corners."""
-    a, first, second = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    a = corners[:, 0]
+    first = corners[:, 1] - a
+    second = corners[:, 2] - a
     normal = np.cross(first, second)
     area = np.einsum("ni,ni->n", normal, normal)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -143,16 +146,16 @@ def _on_patch(
     patch: Patch, pose: np.ndarray, direction: np.ndarray, point: np.ndarray, normal: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, normals and chart coordinates where rays meet a patch, from the hits on its mesh; vision frame."""
-    there = apply(inverse(pose), point)
+    local = apply(inverse(pose), point)
     if patch.kind == MESH:
-        return point, normal, there[:, :2]
-    in_patch = direction @ pose[:3, :3]
+        return point, normal, local[:, :2]
+    local_direction = direction @ pose[:3, :3]
     for _ in range(1 if patch.kind == PLANE else _STEPS):
-        chart = np.ascontiguousarray(there[:, :2])
+        chart = np.ascontiguousarray(local[:, :2])
         if patch.kind == CYLINDER:
             radius = float(patch.shape[0])
-            chart[:, 0] = radius * np.arctan2(there[:, 0] / radius, there[:, 2] / radius + 1)
+            chart[:, 0] = radius * np.arctan2(local[:, 0] / radius, local[:, 2] / radius + 1)
         surface, axes, _ = patch.surface_at(chart)
-        rise, slope = (np.einsum("ni,ni->n", vector, axes[:, :, 2]) for vector in (surface - there, in_patch))
-        there = there + (rise / slope)[:, None] * in_patch
-    return apply(pose, there), axes[:, :, 2] @ pose[:3, :3].T, chart
+        rise, slope = (np.einsum("ni,ni->n", vector, axes[:, :, 2]) for vector in (surface - local, local_direction))
+        local = local + (rise / slope)[:, None] * local_direction
+    return apply(pose, local), axes[:, :, 2] @ pose[:3, :3].T, chart

@@ -65,10 +65,11 @@ def lit_view(view: LitPaintedView, inputs: Inputs) -> LitView:
     """The view as the path tracer takes it; it has a lighting."""
     assert view.lighting is not None  # only labels have a view without
     files_of = {role: files[PICTURE] for role, files in inputs.items() if PICTURE in files}
-    things = sha256(pickle.dumps((view.targets, view.occluders, view.lighting, files_of))).digest()
-    if (like := _LAST.get(things)) is None:
-        targets, occluders = list(map(placed_target, view.targets)), list(map(placed_occluder, view.occluders))
+    key = sha256(pickle.dumps((view.targets, view.occluders, view.lighting, files_of))).digest()
+    if (last := _LAST.get(key)) is None:
+        targets = list(map(placed_target, view.targets))
+        occluders = list(map(placed_occluder, view.occluders))
         pictures = {role: read_npy(file) for role, file in files_of.items()}
         _LAST.clear()
-        _LAST[things] = like = LitView(targets, occluders, view.lighting, pictures, 0.0, ())
-    return replace(like, background=view.background, lights=view.lights, colours=view.colours, like=like)
+        _LAST[key] = last = LitView(targets, occluders, view.lighting, pictures, 0.0, ())
+    return replace(last, background=view.background, lights=view.lights, colours=view.colours, like=last)

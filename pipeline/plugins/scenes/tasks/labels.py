@@ -12,7 +12,7 @@ from pipeline.files.npy import StackedRows, write_npy
 from pipeline.files.png import write_png
 from pipeline.motion import Shutter
 from pipeline.plugins.scenes.labels.cryptomatte import attributes_of, id_of
-from pipeline.plugins.scenes.labels.pixels import SHOWN, Asked, labels_of, preview
+from pipeline.plugins.scenes.labels.pixels import PREVIEWED, Requested, labels_of, preview
 from pipeline.plugins.scenes.labels.sight_lines import SightLines
 from pipeline.plugins.scenes.labels.things import LabelledScene, Later
 from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
@@ -33,19 +33,21 @@ def labels_tile(params: Sequence[LabelsTile], inputs: Inputs, outs: Sequence[Pat
     """The same rows of the labels of frames, which share their rays, for the task `labels`."""
     exposure = params[0].exposure
     rig = imaged_rig(inputs, exposure)
-    lines = then = SightLines(rig)
+    lines = next_lines = SightLines(rig)
     if "next" in inputs:
-        then = SightLines(imaged_rig({"camera": inputs["next"]}, exposure))
+        next_lines = SightLines(imaged_rig({"camera": inputs["next"]}, exposure))
 
     def labelled(params_of_scenes: Sequence[LabelsTile], rows: Rows, columns: Rows | None = None) -> list[np.ndarray]:
-        band, scenes = Band.of(rig, rows, columns), [_scene(each, inputs) for each in params_of_scenes]
-        return labels_of(band, exposure.samples, scenes, (lines, then))
+        """Labels of a band of pixels in several scenes, which share its rays."""
+        band = Band.of(rig, rows, columns)
+        scenes = [_scene(scene, inputs) for scene in params_of_scenes]
+        return labels_of(band, exposure.samples, scenes, (lines, next_lines))
 
-    still = [each for each in params if each.shutter is None]
-    alike = iter(labelled(still, params[0].rows) if still else ())
+    still = [tile for tile in params if tile.shutter is None]
+    labels_of_still = iter(labelled(still, params[0].rows) if still else ())
     size_px = rig.tracer.camera.sensor.size_px
-    for each, out in zip(params, outs, strict=True):
-        labels = _line_by_line(each, each.shutter, size_px, labelled) if each.shutter else next(alike)
+    for tile, out in zip(params, outs, strict=True):
+        labels = _line_by_line(tile, tile.shutter, size_px, labelled) if tile.shutter else next(labels_of_still)
         write_npy(out / _ROWS, labels)
 
 
@@ -58,51 +60,54 @@ def _line_by_line(
     """Labels of rows before a shutter: those of each line in the middle of its exposure."""
     parts = []
     for opens_s, rows, columns in shutter.lines(params.rows, size_px):
-        time_s, pose = opens_s + shutter.exposure_s / 2, params.world_from_vision
+        time_s = opens_s + shutter.exposure_s / 2
+        pose = params.world_from_vision
         if params.camera_motion:
             pose = params.camera_motion.at(np.array([time_s]))[0].tolist()
-        then = replace(params, view=lit_at(params.view, time_s), world_from_vision=pose)
-        parts += labelled([then], rows, columns)
+        exposed = replace(params, view=lit_at(params.view, time_s), world_from_vision=pose)
+        parts += labelled([exposed], rows, columns)
     return np.concatenate(parts, axis=1 - shutter.axis)
 
 
-def _scene(params: LabelsTile, inputs: Inputs) -> tuple[LabelledScene, Asked]:
-    asked, later, after = params.channels, None, params.later
-    if after is not None:
-        poses = [np.array(then.vision_from_target) for then in after.targets]
-        occluders = [None if then is None else placed_occluder(then) for then in after.occluders]
-        motions = [None if then is None else then.motion for then in (*after.targets, *after.occluders)]
-        later = Later(poses, occluders, after.shutter, motions)
+def _scene(params: LabelsTile, inputs: Inputs) -> tuple[LabelledScene, Requested]:
+    """The scene of a tile, with the next frame if flow is among its labels, and the labels that are requested."""
+    channels = params.channels
+    later = None
+    if (next_frame := params.later) is not None:
+        poses = [np.array(target.vision_from_target) for target in next_frame.targets]
+        occluders = [occluder and placed_occluder(occluder) for occluder in next_frame.occluders]
+        motions = [thing and thing.motion for thing in (*next_frame.targets, *next_frame.occluders)]
+        later = Later(poses, occluders, next_frame.shutter, motions)
     targets = list(map(placed_target, params.view.targets))
     lit = lit_view(params.view, inputs).in_light(0) if params.view.lighting else None
     world_from_vision = np.eye(4) if params.world_from_vision is None else np.array(params.world_from_vision)
-    ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in asked.mattes.items()}
-    return LabelledScene(targets, list(map(placed_occluder, params.view.occluders)), later, lit), Asked(
-        asked.tokens, asked.targets, ids, world_from_vision
-    )
+    ids = {matte: np.array([id_of(name) for name in names], np.float32) for matte, names in channels.mattes.items()}
+    scene = LabelledScene(targets, list(map(placed_occluder, params.view.occluders)), later, lit)
+    return scene, Requested(channels.tokens, channels.targets, ids, world_from_vision)
 
 
 def labels(params: Labels, inputs: Inputs, out: Path) -> None:
     """The labels of a frame: labels.exr, labels.png and, with shares of targets, boxes.json."""
-    asked = params.channels
+    request = params.channels
     stacked = StackedRows([inputs[f"tile{number}"][_ROWS] for number in range(params.tiles)])
-    names = Asked(asked.tokens, asked.targets, dict.fromkeys(asked.mattes, np.zeros(0))).channels
+    names = Requested(request.tokens, request.targets, dict.fromkeys(request.mattes, np.zeros(0))).channels
 
     def channels_of(channels: Sequence[str]) -> dict[str, np.ndarray]:
+        """Whole channels by name, of those that the labels have."""
         columns = [(name, names.index(name)) for name in channels if name in names]
         bands = [stacked.rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
         return {name: np.concatenate([band[..., column] for band in bands]) for name, column in columns}
 
     attributes = {"content": "what pixels see, by their light: docs/labels.md", **images.labels_of(params.exposure)}
-    for matte, of_things in asked.mattes.items():
-        attributes |= attributes_of(matte, list(of_things))
+    for matte, things in request.mattes.items():
+        attributes |= attributes_of(matte, list(things))
     height, width, _ = stacked.shape
     shape, rows = (height, width), stacked.rows
     part = BandedPart(name="labels", shape=shape, channels=tuple(names), rows=rows, attributes=attributes)
     write_bands(out / LABELS, [part])
-    write_png(out / PREVIEW, preview(channels_of(SHOWN)))
-    if asked.targets:
-        boxes = {name: _box(channels_of([f"targets.{name}"])[f"targets.{name}"]) for name in asked.targets}
+    write_png(out / PREVIEW, preview(channels_of(PREVIEWED)))
+    if request.targets:
+        boxes = {name: _box(channels_of([f"targets.{name}"])[f"targets.{name}"]) for name in request.targets}
         write_json(out / BOXES, {"box_px": "left, top, right, bottom", "targets": boxes})
 
 
