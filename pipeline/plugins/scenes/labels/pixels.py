@@ -62,7 +62,7 @@ class _LabelledPixels:
         self._row = rays.row[self._hits.ray]  # pixel of each hit
         self._weight = rays.leaving.share[self._hits.ray]
         self._pixels = len(rays.pixels)
-        self._total = np.bincount(rays.row, rays.leaving.share, minlength=self._pixels)
+        self._sum = np.bincount(rays.row, rays.leaving.share, minlength=self._pixels)
 
     def columns(self) -> np.ndarray:
         """All channels, (pixels, channels) float32."""
@@ -133,15 +133,13 @@ class _LabelledPixels:
         kept = rank < RANKS
         result = np.zeros((self._pixels, RANKS, 2), np.float32)
         result[row[kept], rank[kept], 0] = names[name[kept]]
-        result[row[kept], rank[kept], 1] = (light / self._total[row])[kept]
+        result[row[kept], rank[kept], 1] = (light / self._sum[row])[kept]
         return result.reshape(self._pixels, -1)
 
     def _share(self, chosen: Bool[np.ndarray, "n"]) -> np.ndarray:
         """Share of the chosen rays in the light of each pixel, (pixels,)."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(
-                np.bincount(self._row[chosen], self._weight[chosen], minlength=self._pixels) / self._total
-            )
+            return np.asarray(np.bincount(self._row[chosen], self._weight[chosen], minlength=self._pixels) / self._sum)
 
     def _mean(
         self, values: Float64[np.ndarray, "n k"], chosen: Bool[np.ndarray, "n"] | slice = slice(None)

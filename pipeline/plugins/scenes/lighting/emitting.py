@@ -32,15 +32,16 @@ class Emitting(NamedTuple):
 def shaped(numbers, line, direction, u, v):
     """Radiance of a lamp, a line of the table, along a direction in its frame that meets it at a point."""
     focus = abs(direction[2]) ** line[FOCUS] if line[FOCUS] > 0.0 else 1.0
-    off, factor = math.acos(min(max(direction[2], -1.0), 1.0)), 1.0
-    if off > line[CONE]:
+    angle = math.acos(min(max(direction[2], -1.0), 1.0))
+    if angle > line[CONE]:
         return 0.0
-    if off > line[FADING]:
-        x = (off - line[FADING]) / (line[CONE] - line[FADING])
+    factor = 1.0
+    if angle > line[FADING]:  # 1 - smoothstep
+        x = (angle - line[FADING]) / (line[CONE] - line[FADING])
         factor = 1.0 - x * x * (3.0 - 2.0 * x)
     red, green, blue = 1.0, 1.0, 1.0
     if line[PICTURE] >= 0.0:
-        red, green, blue = _of_picture(numbers, int(line[PICTURE]), u, v)
+        red, green, blue = _texel_of_rect(numbers, int(line[PICTURE]), u, v)
     red *= line[PART] * (line[TINT] + focus * (1.0 - line[TINT]))
     green *= line[PART + 1] * (line[TINT + 1] + focus * (1.0 - line[TINT + 1]))
     blue *= line[PART + 2] * (line[TINT + 2] + focus * (1.0 - line[TINT + 2]))
@@ -48,17 +49,19 @@ def shaped(numbers, line, direction, u, v):
 
 
 @inline
-def _of_picture(numbers, at, u, v):
+def _texel_of_rect(numbers, start, u, v):
     """Red, green and blue of the picture of a rect at a point, from -1 to 1 on both axes, between four texels.
 
     Its first row is at +y and its first column at +x: upright, seen from the bright side.
     """
-    width, height = int(numbers[at]), int(numbers[at + 1])
+    width, height = int(numbers[start]), int(numbers[start + 1])
     x = min(max((0.5 - 0.5 * u) * width - 0.5, 0.0), width - 1.0)
     y = min(max((0.5 - 0.5 * v) * height - 0.5, 0.0), height - 1.0)
     i, j = int(x), int(y)
     a, b = x - i, y - j
-    step, upper = 3 * (min(i + 1, width - 1) - i), at + 2 + 3 * (j * width + i)
+    # Indices of the red of the texels (i, j) and (i, j + 1); their right neighbours are a step behind.
+    step = 3 * (min(i + 1, width - 1) - i)
+    upper = start + 2 + 3 * (j * width + i)
     lower = upper + 3 * width * (min(j + 1, height - 1) - j)
     p, q, r, s = (1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b
     return (
@@ -80,12 +83,15 @@ def shape_of(lamp: Lamp) -> tuple[float, ...]:
 
 def emitting_of(placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]]) -> Emitting:
     """Pictures of all lamps but the sky, in their order."""
-    parts, count, starts = [np.zeros(0)], 0, list[int]()
+    parts = [np.zeros(0)]
+    count = 0
+    starts = list[int]()
     for lamp in (from_plain(Lamp, entry.lamp) for entry in placed):
         start = 0 if lamp.texture and lamp.kind == "dome" else -1
         if lamp.texture and lamp.kind == "rect":
-            shown, start = np.asarray(pictures[lamp.texture]), count
-            parts += [np.array(shown.shape[1::-1], float), shown[..., :3].astype(float).ravel()]
-            count += 2 + 3 * shown.shape[0] * shown.shape[1]
+            picture = np.asarray(pictures[lamp.texture])
+            start = count
+            parts += [np.array(picture.shape[1::-1], float), picture[..., :3].astype(float).ravel()]
+            count += 2 + 3 * picture.shape[0] * picture.shape[1]
         starts.append(start)
     return Emitting(np.concatenate(parts), starts)

@@ -22,10 +22,10 @@ def cross(scene, stage, paths, hits):
         direction, normal, flat = row(paths.direction, i), row(hits.normal, i), row(hits.flat, i)
         ratio = hits.paint[i, RATIO]
         dice = draws.draw(points, paths.key[i], paths.rank[i], stage)[0]
-        on, behind = _crossed(direction, normal, ratio, hits.paint[i, FACING], dice)
-        if (dot(on, flat) < 0.0) != behind:  # the normal for shading is too far off that of the triangle
-            on, behind = _crossed(direction, flat, ratio, hits.paint[i, FACING], dice)
-        if behind:
+        onward, is_behind = _crossed(direction, normal, ratio, hits.paint[i, FACING], dice)
+        if (dot(onward, flat) < 0.0) != is_behind:  # the normal for shading is too far off that of the triangle
+            onward, is_behind = _crossed(direction, flat, ratio, hits.paint[i, FACING], dice)
+        if is_behind:
             # A bundle of light is narrower in glass, and brighter.
             paths.power[i] /= ratio * ratio
             paths.absorption[i] = hits.beyond[i]
@@ -33,16 +33,16 @@ def cross(scene, stage, paths, hits):
             paths.density[i] = -1.0
         # Along the ray, so that it meets what is behind the glass where it should.
         point = row(hits.point, i)
-        start = along(point, gap_at(point, gap_mm) / max(abs(dot(on, flat)), _FLAT), on)
+        start = along(point, gap_at(point, gap_mm) / max(abs(dot(onward, flat)), _FLAT), onward)
         for axis in range(3):
-            paths.origin[i, axis], paths.direction[i, axis] = start[axis], on[axis]
+            paths.origin[i, axis], paths.direction[i, axis] = start[axis], onward[axis]
 
 
 @inline
 def _crossed(direction, normal, ratio, mirrored, dice):
     """Direction after a smooth face of glass, and whether it lies behind the face."""
     cosine = -dot(direction, normal)
-    share, beyond = dielectric(cosine, ratio)
-    if dice < max(share, mirrored):
+    reflectance, beyond = dielectric(cosine, ratio)
+    if dice < max(reflectance, mirrored):
         return unit(along(direction, 2.0 * cosine, normal)), False
     return unit(bent(direction, normal, cosine, beyond, ratio)), True

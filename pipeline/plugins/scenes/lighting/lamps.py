@@ -65,6 +65,7 @@ class Estimates(NamedTuple):
 
 @inline
 def _triple(table, k, column):
+    """Three columns of a lamp as a vector."""
     return table[k, column], table[k, column + 1], table[k, column + 2]
 
 
@@ -197,6 +198,7 @@ def _in_cap(axis, solid_angle, pair):
 
 @inline
 def _towards_dome(lamps, k, normal, pair):
+    """A direction towards a dome, as from `sample_lamp`: by its picture, or evenly by the cosine to the normal."""
     table = lamps.table
     x, y, z = _triple(table, k, AXIS_X), _triple(table, k, AXIS_Y), _triple(table, k, AXIS_Z)
     if table[k, PICTURE] >= 0.0:
@@ -269,21 +271,21 @@ def estimate(lamps, k, point, normal):
 
 
 @inline
-def estimates_at(lamps, point, normal, of_each):
-    """Estimates of all lamps, and together; `of_each`, (lamps_in,), is written.
+def estimates_at(lamps, point, normal, of_lamp):
+    """Estimates of all lamps, and together; `of_lamp`, (lamps_in,), is written.
 
     An even sky is found as well by all paths that leave the surface. So the errors of its light and of all other are
     the same if it gets half of what its estimate, times `_STEADY`, exceeds theirs; if it does not, nothing.
     """
-    of_lamps, total, number = 0.0, 0.0, 0
-    for k in range(of_each.size):
-        of_each[k] = estimate(lamps, k, point, normal)
-        of_lamps += 0.0 if is_even_sky(lamps.table, k) else of_each[k]
-    for k in range(of_each.size):
+    others, total, number = 0.0, 0.0, 0
+    for k in range(of_lamp.size):
+        of_lamp[k] = estimate(lamps, k, point, normal)
+        others += 0.0 if is_even_sky(lamps.table, k) else of_lamp[k]
+    for k in range(of_lamp.size):
         if is_even_sky(lamps.table, k):
-            of_each[k] = 0.5 * max(_STEADY * of_each[k] - of_lamps, 0.0)
-        total += of_each[k]
-        number += 1 if of_each[k] > 0.0 else 0
+            of_lamp[k] = 0.5 * max(_STEADY * of_lamp[k] - others, 0.0)
+        total += of_lamp[k]
+        number += 1 if of_lamp[k] > 0.0 else 0
     return Estimates(total, number)
 
 
@@ -300,11 +302,11 @@ def chance_of(light, estimates):
 
 
 @inline
-def chosen_lamp(of_each, estimates, u):
+def chosen_lamp(of_lamp, estimates, u):
     """A lamp drawn by the estimates, -1: none may send light; its probability, and the rest of u, again in [0, 1)."""
     lamp, part = -1, 0.0
-    for k in range(of_each.size):
-        chance = chance_of(of_each[k], estimates)
+    for k in range(of_lamp.size):
+        chance = chance_of(of_lamp[k], estimates)
         if chance > 0.0:
             lamp, part = k, chance
             if u < chance:
@@ -326,9 +328,10 @@ def lamps_of(
     """
     table = np.zeros((len(placed), COLUMNS))
     for k, entry in enumerate(placed):
-        lamp, pose = from_plain(Lamp, entry.lamp), np.array(entry.vision_from_lamp, float)
-        radiance, area = float(raised @ np.array(lamp.radiance)), lamp.area
-        table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, _breadth(lamp, sky), area, *lamp.size
+        lamp = from_plain(Lamp, entry.lamp)
+        pose = np.array(entry.vision_from_lamp, float)
+        radiance = float(raised @ np.array(lamp.radiance))
+        table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, _breadth(lamp, sky), lamp.area, *lamp.size
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
         table[k, AXIS_X:PART] = pose[:3, :3].T.ravel()
         table[k, PART:TINT] = raised * np.array(lamp.radiance)

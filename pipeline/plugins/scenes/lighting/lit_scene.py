@@ -69,7 +69,8 @@ class LitView:
         """Triangles, materials and their tree, which are the same at all wavelengths."""
         if self.like is not None:
             return self.like.surfaces
-        table, pieces = MaterialTable(self.pictures), list[shapes.Shapes]()
+        table = MaterialTable(self.pictures)
+        pieces = list[shapes.Shapes]()
         for (target, pose), coat in zip(self.targets, self.lighting.coats, strict=True):
             row = table.add_coat(coat)
             for patch in target.patches():
@@ -106,14 +107,17 @@ class LitScene:
     def __init__(self, view: LitView, number: int) -> None:
         from pipeline.render.spectral.spectra import weights_of_rgb  # colour-science takes longer than most tasks
 
-        self._light, lighting = (number, len(view.lights)), view.lighting
+        self._light = number, len(view.lights)
+        lighting = view.lighting
         table, self._shapes, self._embree = view.surfaces
         corners = self._shapes.corners.reshape(-1, 3)
         weights = np.array([weights_of_rgb(light) for light in view.lights[number]])
-        sky, self._tints = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0)), list[_Tint]()
+        sky = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0))
+        self._tints = list[_Tint]()
         emitting = emitting_of(lighting.lamps, view.pictures)
         for k, raised in enumerate(weights):
-            materials, art = table.arrays(raised, view.lights[number][k]), list[PatchLight]()
+            materials = table.arrays(raised, view.lights[number][k])
+            art = list[PatchLight]()
             for target, pose in inked(view.targets, view.colours, number, slice(k, k + 1)):
                 art += [PatchLight(patch, pose @ patch.target_from_patch) for patch in target.patches()]
             glow = shapes.glow_of(self._shapes, materials)
@@ -138,25 +142,30 @@ class LitScene:
         image: Float64[np.ndarray, "m"],
     ) -> None:
         """Add the light of rays to their pixels, as `glow.TargetLight.add`."""
-        is_wanted, names = wanted[pixels], self._names(of_pixels)
-        rays, names = _those(of_pixels.leaving, is_wanted), _those(names, is_wanted)
+        is_traced = wanted[pixels]
+        rays = _selected(of_pixels.leaving, is_traced)
+        names = _selected(self._names(of_pixels), is_traced)
         light = self.radiance(rays.origin, rays.direction, names)
-        add_values(rays.share, light, pixels if is_wanted.all() else pixels[is_wanted], image)
+        add_values(rays.share, light, pixels if is_traced.all() else pixels[is_traced], image)
 
     def radiance(
         self, origin_mm: Float64[np.ndarray, "n 3"], direction: Float64[np.ndarray, "n 3"], names: Names
     ) -> np.ndarray:
         """Radiance that arrives along each ray, (n,)."""
-        light, chosen = np.empty(len(origin_mm)), np.empty(len(origin_mm), np.int64)
-        draws.choose_slices(draws.points(), *names, len(self._tints), chosen)
-        rows, ends = np.argsort(chosen, kind="stable"), np.cumsum(np.bincount(chosen, minlength=len(self._tints)))
+        light = np.empty(len(origin_mm))
+        slices = np.empty(len(origin_mm), np.int64)
+        draws.choose_slices(draws.points(), *names, len(self._tints), slices)
+        # Rows of the rays of each slice
+        rows = np.argsort(slices, kind="stable")
+        ends = np.cumsum(np.bincount(slices, minlength=len(self._tints)))
         for tint, rays in zip(self._tints, np.split(rows, ends[:-1]), strict=True):
             light[rays] = self._traced(tint, _from_camera(origin_mm, direction, names, rays))
         return light
 
     def _traced(self, tint: _Tint, paths: Paths) -> np.ndarray:
         """Light of paths from the camera in a slice, (n,)."""
-        count, lamps = len(paths.power), tint.lamps
+        count = len(paths.power)
+        lamps = tint.lamps
         light, all_hits, all_shadows = np.zeros(count), _no_hits(count), _no_shadows(count)
         for vertex in range(self._bounces + 2):
             if vertex > self._bounces and lamps.glow.estimate == 0.0:
@@ -164,7 +173,7 @@ class LitScene:
                 paths = _first_of(paths, kernels.reach_lamps(lamps, paths))
             if not len(paths.power):
                 break
-            # Where paths meet surfaces, and the light on the way there.
+            # Where paths meet surfaces, and the light before that.
             hits = _first_of(all_hits, len(paths.power))
             self._meet(tint, vertex, paths, hits)
             kernels.gather(lamps, paths, hits, light)
@@ -174,7 +183,7 @@ class LitScene:
                 break
             # Shadow rays, and the next directions.
             rays, going_on = shade(lamps, self._scene, vertex, paths, hits, all_shadows)
-            self._ask_lamps(tint, _first_of(all_shadows, rays), light)
+            self._add_direct_light(tint, _first_of(all_shadows, rays), light)
             paths = _first_of(paths, going_on)
         return light
 
@@ -187,15 +196,17 @@ class LitScene:
             if crossing == draws.CROSSINGS:
                 hits.distance[rows] = np.inf
                 return
-            crossed, faces = Paths(*(each[rows] for each in paths)), Hits(*(each[rows] for each in hits))
+            crossed = Paths(*(values[rows] for values in paths))
+            faces = Hits(*(values[rows] for values in hits))
             cross(self._scene, draws.crossing_stage(vertex, crossing), crossed, faces)
-            there = _no_hits(len(rows))
-            self._meet(tint, vertex, crossed, there, crossing + 1)
-            kernels.gather(tint.lamps, crossed, there, light)
-            for values, behind in (*zip(paths, crossed, strict=True), *zip(hits, there, strict=True)):
+            next_hits = _no_hits(len(rows))
+            self._meet(tint, vertex, crossed, next_hits, crossing + 1)
+            kernels.gather(tint.lamps, crossed, next_hits, light)
+            for values, behind in (*zip(paths, crossed, strict=True), *zip(hits, next_hits, strict=True)):
                 values[rows] = behind
 
     def _names(self, rays: PixelRays) -> Names:
+        """Keys and ranks of the random numbers of rays."""
         owner = np.ascontiguousarray(rays.leaving.owner)
         names = Names(np.empty(len(owner), np.uint32), np.empty(len(owner), np.int64))
         # Each wavelength has a seed of its own, by this step; paths of all of them share one.
@@ -203,24 +214,18 @@ class LitScene:
         draws.name_rays(seed, self._light, rays.squares, owner, *names)
         return names
 
-    def _ask_lamps(self, tint: _Tint, shadows: Shadows, light: np.ndarray) -> None:
+    def _add_direct_light(self, tint: _Tint, shadows: Shadows, light: np.ndarray) -> None:
         """Add direct light: that of shadow rays which reach their lamps."""
-        left = shadows.end * (1.0 - TOUCHING) - self._gap_mm
+        length = shadows.end * (1.0 - TOUCHING) - self._gap_mm
 
         def dimmed(triangle: np.ndarray, rays: np.ndarray, start: np.ndarray, past: np.ndarray, layer: int) -> None:
-            rest = left[rays] - np.sum((start - shadows.origin[rays]) * shadows.direction[rays], axis=1)
-            light_there = shadows.light[rays]
-            shapes.dim(
-                self._surfaces(tint),
-                triangle,
-                start,
-                shadows.direction[rays],
-                shadows.straight[rays],
-                rest,
-                light_there,
-                past,
-            )
-            shadows.light[rays] = light_there
+            """Multiply the light of rays by what their triangles let pass."""
+            direction = shadows.direction[rays]
+            left = length[rays] - np.sum((start - shadows.origin[rays]) * direction, axis=1)
+            light_left = shadows.light[rays]
+            straight = shadows.straight[rays]
+            shapes.dim(self._surfaces(tint), triangle, start, direction, straight, left, light_left, past)
+            shadows.light[rays] = light_left
 
         triangle = self._first_triangle(shadows.origin, shadows.direction, dimmed)
         kernels.arrive(self._shapes.corners, triangle, shadows, self._gap_mm, light)
@@ -242,10 +247,10 @@ class LitScene:
 
     def _meet(self, tint: _Tint, vertex: int, paths: Paths, hits: Hits, crossing: int = 0) -> None:
         """Write the hits of paths."""
-        names, count = Names(paths.key, paths.rank), len(paths.power)
-        passes = self._by_chance(tint, (vertex, crossing), names, paths.direction)
-        hits.triangle[:] = triangle = self._first_triangle(paths.origin, paths.direction, passes)
-        albedo = np.full(count, np.nan)
+        passes = self._by_chance(tint, (vertex, crossing), Names(paths.key, paths.rank), paths.direction)
+        triangle = self._first_triangle(paths.origin, paths.direction, passes)
+        hits.triangle[:] = triangle
+        albedo = np.full(len(paths.power), np.nan)
         for art, first, end in zip(tint.art, self._embree.first, self._embree.first[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
             if on_art.any():
@@ -254,6 +259,7 @@ class LitScene:
         kernels.meet(self._shapes, tint.materials, tabled_layers(), albedo, paths, hits)
 
     def _surfaces(self, tint: _Tint) -> tuple[shapes.Shapes, Materials, Layers]:
+        """Triangles, materials and tables of layers, as kernels take them."""
         return self._shapes, tint.materials, tabled_layers()
 
     def _first_triangle(self, origin: np.ndarray, direction: np.ndarray, passes: _Passes) -> np.ndarray:
@@ -261,7 +267,8 @@ class LitScene:
         triangle = self._embree.first_hit(origin, direction).astype(np.int64)
         if not self._lets_pass:
             return triangle
-        left, start = np.arange(len(triangle)), origin
+        left = np.arange(len(triangle))  # rays that have passed all triangles so far
+        start = origin
         for layer in range(draws.LAYERS):
             past = np.empty(len(left))
             passes(triangle[left], left, start, past, layer)
@@ -274,7 +281,7 @@ class LitScene:
         return triangle
 
 
-def _those(arrays: _Arrays, chosen: np.ndarray) -> _Arrays:
+def _selected(arrays: _Arrays, chosen: np.ndarray) -> _Arrays:
     """The chosen rows of arrays, contiguous."""
     if chosen.all():
         return type(arrays)(*(np.ascontiguousarray(values) for values in arrays))

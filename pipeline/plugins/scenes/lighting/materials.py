@@ -103,9 +103,9 @@ def _texel(materials, picture, x, y, component):
 
 
 @inline
-def input_at(materials, m, which, spot):
+def input_at(materials, m, number, spot):
     """An input of a material at a point; textures are interpolated bilinearly between the centres of texels."""
-    row = materials.inputs[m, which]
+    row = materials.inputs[m, number]
     value, picture, first = row[CONSTANT], int(row[TEXTURE]), int(row[FIRST])
     if picture == PRIMVAR:
         for k in range(3):
@@ -134,7 +134,8 @@ def input_at(materials, m, which, spot):
 
 
 @inline
-def _share(x):
+def _clamped(x):
+    """The number in [0, 1] that is nearest."""
     return min(max(x, 0.0), 1.0)
 
 
@@ -148,7 +149,7 @@ def passing(layers, materials, m, spot, cosine):
         return 0.0
     if flags[VEIL] == PANE:
         return through_pane(cosine, flags[INDEX])
-    clear = 1.0 - _share(input_at(materials, m, OPACITY, spot))
+    clear = 1.0 - _clamped(input_at(materials, m, OPACITY, spot))
     return clear * let_through(layers, paint_at(materials, m, spot), abs(cosine)) if flags[VEIL] == CLEAR else clear
 
 
@@ -156,7 +157,7 @@ def passing(layers, materials, m, spot, cosine):
 def veiled(layers, materials, m, spot, cosine, paint):
     """Paint of a transparent surface for rays that by chance did not pass it, and the factor of their light."""
     passed = passing(layers, materials, m, spot, cosine)
-    opacity = _share(input_at(materials, m, OPACITY, spot))
+    opacity = _clamped(input_at(materials, m, OPACITY, spot))
     faint = Paint(opacity * paint.diffuse, paint.facing, paint.alpha, paint.coat, paint.coat_alpha, 0.0)
     return faint, 1.0 / max(1.0 - passed, 1e-12)
 
@@ -167,23 +168,23 @@ def presence_at(materials, m, spot):
     flags = materials.flags[m]
     if flags[THRESHOLD] > 0.0:
         return 0.0 if input_at(materials, m, OPACITY, spot) < flags[THRESHOLD] else 1.0
-    return _share(input_at(materials, m, OPACITY, spot)) if flags[VEIL] == PRESENCE else 1.0
+    return _clamped(input_at(materials, m, OPACITY, spot)) if flags[VEIL] == PRESENCE else 1.0
 
 
 @inline
 def paint_at(materials, m, spot):
     """The paint of a surface at a point."""
-    colour = _share(input_at(materials, m, DIFFUSE, spot))
+    colour = _clamped(input_at(materials, m, DIFFUSE, spot))
     coat, coat_alpha, facing, alpha = 0.0, LEAST_ALPHA, 0.0, 0.0
     if materials.flags[m, COATED] > 0.0:
-        coat = _share(input_at(materials, m, COAT, spot))
-        coat_alpha = max(LEAST_ALPHA, _share(input_at(materials, m, COAT_ROUGHNESS, spot)) ** 2)
+        coat = _clamped(input_at(materials, m, COAT, spot))
+        coat_alpha = max(LEAST_ALPHA, _clamped(input_at(materials, m, COAT_ROUGHNESS, spot)) ** 2)
     if materials.flags[m, LAYER] > 0.0:
-        alpha = max(LEAST_ALPHA, _share(input_at(materials, m, ROUGHNESS, spot)) ** 2)
+        alpha = max(LEAST_ALPHA, _clamped(input_at(materials, m, ROUGHNESS, spot)) ** 2)
         if materials.flags[m, WORKFLOW] > 0.0:
-            facing = _share(input_at(materials, m, SPECULAR, spot))
+            facing = _clamped(input_at(materials, m, SPECULAR, spot))
         else:
-            metal = _share(input_at(materials, m, METALLIC, spot))
+            metal = _clamped(input_at(materials, m, METALLIC, spot))
             facing = (1.0 - metal) * materials.flags[m, FACING] + metal * colour
             colour *= 1.0 - metal
     return Paint(colour, facing, alpha, coat, coat_alpha, 0.0)
@@ -192,7 +193,7 @@ def paint_at(materials, m, spot):
 @inline
 def _alpha_of_glass(materials, m, spot):
     """Width of facets of a body of glass; 0 where it is smooth, or of the index of air."""
-    alpha = _share(input_at(materials, m, ROUGHNESS, spot)) ** 2
+    alpha = _clamped(input_at(materials, m, ROUGHNESS, spot)) ** 2
     return alpha if alpha > LEAST_ALPHA and materials.flags[m, INDEX] != 1.0 else 0.0
 
 
@@ -277,6 +278,7 @@ class MaterialTable:
     def _inputs(
         self, material: Material, radiance: float, columns: Mapping[str, int], raised: np.ndarray
     ) -> np.ndarray:
+        """Inputs of a material in a light, (INPUTS, COLUMNS)."""
         inputs = np.zeros((INPUTS, COLUMNS))
         colours = {DIFFUSE: material.diffuse_color, EMISSION: material.emissive_color}
         if material.specular_color:
@@ -294,9 +296,11 @@ class MaterialTable:
 
     def _row(self, value: Input, weights: np.ndarray, columns: Mapping[str, int]) -> np.ndarray:
         """An input as the sum of its components, each with a weight."""
-        row, texture = np.zeros(COLUMNS), value.texture
+        row = np.zeros(COLUMNS)
+        texture = value.texture
         if value.primvar:
-            row[TEXTURE], row[FIRST] = PRIMVAR, columns[value.primvar]
+            row[TEXTURE] = PRIMVAR
+            row[FIRST] = columns[value.primvar]
             row[COEFFICIENTS : COEFFICIENTS + len(weights)] = weights
             return row
         row[TEXTURE] = -1
@@ -308,7 +312,8 @@ class MaterialTable:
         row[WRAP_S], row[WRAP_T] = (WRAPS.index(wrap) for wrap in texture.wrap)
         row[CONSTANT] = float(weights @ np.array(texture.bias)[components])
         row[[COEFFICIENTS + component for component in components]] = weights * np.array(texture.scale)[components]
-        row[MAP : MAP + 6], row[FIRST] = texture.st_from_primvar, columns.get(texture.primvar, 0)
+        row[MAP : MAP + 6] = texture.st_from_primvar
+        row[FIRST] = columns.get(texture.primvar, 0)
         return row
 
 

@@ -73,7 +73,7 @@ def move(paths, i, j):
     for axis in range(3):
         paths.origin[j, axis], paths.direction[j, axis] = paths.origin[i, axis], paths.direction[i, axis]
         paths.normal[j, axis] = paths.normal[i, axis]
-    paths.power[j], paths.density[j], paths.asked[j] = paths.power[i], paths.density[i], paths.asked[i]
+    paths.power[j], paths.density[j], paths.candidates[j] = paths.power[i], paths.density[i], paths.candidates[i]
     paths.absorption[j], paths.key[j], paths.rank[j] = paths.absorption[i], paths.key[i], paths.rank[i]
     paths.ray[j] = paths.ray[i]
 
@@ -101,18 +101,21 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
         shading = shading if dot(shading, direction) < 0.0 else flat
-        paint, hits.beyond[i] = paint_at(materials, m, spot), 0.0
+        paint = paint_at(materials, m, spot)
+        hits.beyond[i] = 0.0
         if paths.absorption[i] > 0.0:
             paths.power[i] *= math.exp(-paths.absorption[i] * path)
         if materials.flags[m, INDEX] > 0.0:
-            paint, hits.beyond[i] = glass_at(materials, m, spot, side), max(0.0, side) * materials.flags[m, ABSORPTION]
+            paint = glass_at(materials, m, spot, side)
+            hits.beyond[i] = max(0.0, side) * materials.flags[m, ABSORPTION]
         elif materials.flags[m, VEIL] == CLEAR:
-            paint, more = veiled(layers, materials, m, spot, dot(flat, direction), paint)
-            paths.power[i] *= more
+            paint, factor = veiled(layers, materials, m, spot, dot(flat, direction), paint)
+            paths.power[i] *= factor
         if not math.isnan(albedo[i]):
             front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha, 0.0)
             paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha, 0.0)
-        hits.distance[i], hits.emission[i] = path, input_at(materials, m, EMISSION, spot)
+        hits.distance[i] = path
+        hits.emission[i] = input_at(materials, m, EMISSION, spot)
         for k in range(3):
             hits.point[i, k], hits.flat[i, k], hits.normal[i, k] = point[k], flat[k], shading[k]
         hits.paint[i, 0], hits.paint[i, 1], hits.paint[i, 2] = paint.diffuse, paint.facing, paint.alpha
@@ -127,61 +130,63 @@ def gather(lamps, paths, hits, light):
     `hits.distance`: set to infinity where a path ends.
     """
     lamps, paths, hits, light = borrowed((lamps, paths, hits, light))
-    of_each = np.empty(lamps_in(lamps))
+    of_lamp = np.empty(lamps_in(lamps))
     for i in range(paths.power.size):
         start, direction = row(paths.origin, i), row(paths.direction, i)
-        nearest, lamp, bright = hits.distance[i], -1, 0.0
+        # The nearest of the surface and all lamps, and the cosine to its bright side
+        nearest, lamp, lamp_cosine = hits.distance[i], -1, 0.0
         for k in range(lamps.table.shape[0]):
             t, cosine = meet_lamp(lamps.table, k, start, direction)
             if t < nearest:
-                nearest, lamp, bright = t, k, cosine
+                nearest, lamp, lamp_cosine = t, k, cosine
         if lamp >= 0:
             hits.distance[i] = math.inf
-            if bright > 0.0:
-                chance = _chance(lamps, paths, i, lamp, of_each) * density(lamps.table, lamp, start, nearest, bright)
+            if lamp_cosine > 0.0:
+                chance = _chance(lamps, paths, i, lamp, of_lamp)
+                chance *= density(lamps.table, lamp, start, nearest, lamp_cosine)
                 sent = lamps.table[lamp, OF_LAMP]
                 if lamps.table[lamp, EVEN] == 0.0:
                     sent = radiance_of(lamps, lamp, start, direction, nearest)
                 light[paths.ray[i]] += paths.power[i] * sent * power_share(paths.density[i], chance)
         elif nearest < math.inf:
             if hits.emission[i] != 0.0:
-                glow = _chance(lamps, paths, i, lamps.table.shape[0], of_each)
-                chance = glow * glow_density(lamps.glow, hits.triangle[i], direction, nearest)
+                chance = _chance(lamps, paths, i, lamps.table.shape[0], of_lamp)
+                chance *= glow_density(lamps.glow, hits.triangle[i], direction, nearest)
                 light[paths.ray[i]] += paths.power[i] * hits.emission[i] * power_share(paths.density[i], chance)
         else:
-            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, direction, of_each)
+            light[paths.ray[i]] += paths.power[i] * _from_far(lamps, paths, i, direction, of_lamp)
 
 
 @inline
-def _chance(lamps, paths, i, k, of_each):
+def _chance(lamps, paths, i, k, of_lamp):
     """Expected number of candidates on a lamp at the previous vertex of a path."""
     if not paths.density[i] > 0.0:
         return 0.0
     point, normal = row(paths.origin, i), row(paths.normal, i)
-    estimates = estimates_at(lamps, point, normal, of_each)
-    return paths.asked[i] * chance_of(of_each[k], estimates)
+    estimates = estimates_at(lamps, point, normal, of_lamp)
+    return paths.candidates[i] * chance_of(of_lamp[k], estimates)
 
 
 @inline
-def power_share(taken, other):
-    """Weight of a path by the power heuristic; 1 for lamps that the camera sees, which have no shadow rays, and 0
-    behind glass through which these were sent.
+def power_share(p, q):
+    """Weight of a path of the density p by the power heuristic; 1 for lamps that the camera sees, which have no shadow
+    rays, and 0 behind glass through which these were sent.
     """
-    if taken > 0.0:
-        return 1.0 / (1.0 + (other / taken) ** 2)
-    return 1.0 if taken == 0.0 else 0.0
+    if p > 0.0:
+        return 1.0 / (1.0 + (q / p) ** 2)
+    return 1.0 if p == 0.0 else 0.0
 
 
 @inline
-def _from_far(lamps, paths, i, direction, of_each):
+def _from_far(lamps, paths, i, direction, of_lamp):
     """Radiance of domes and distant lamps by the power heuristic, or the background that the camera sees."""
     total, has_dome, cosine = 0.0, False, dot(row(paths.normal, i), direction)
     for k in range(lamps.table.shape[0]):
         has_dome = has_dome or lamps.table[k, KIND] == DOME
-        radiance, density_there = far_light(lamps, k, direction, cosine)
+        radiance, far_density = far_light(lamps, k, direction, cosine)
         if radiance > 0.0:
             by_path = paths.density[i] < 0.0 and not goes_straight(lamps.table, k)
-            share = power_share(paths.density[i], _chance(lamps, paths, i, k, of_each) * density_there)
+            share = power_share(paths.density[i], _chance(lamps, paths, i, k, of_lamp) * far_density)
             total += radiance if by_path else radiance * share
     return total if has_dome or paths.density[i] != 0.0 else total + lamps.background
 

@@ -22,7 +22,7 @@ class Paths(NamedTuple):
     # shading (n, 3), outside of glass; and the number of points of lamps that were candidates there
     density: np.ndarray
     normal: np.ndarray
-    asked: np.ndarray
+    candidates: np.ndarray
     absorption: np.ndarray  # coefficient of the medium it is in [1/mm]
     # (n,) uint32, (n,) int64, `draws.Names`
     key: np.ndarray

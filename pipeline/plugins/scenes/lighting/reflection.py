@@ -97,7 +97,7 @@ class ViewedSurface(NamedTuple):
 
 
 @inline
-def _at(x):
+def _node(x):
     """Node of a table below a number in [0, 1], and the fraction of the step behind it."""
     position = min(max(x, 0.0), 1.0) * (NODES - 1)
     i = min(int(position), NODES - 2)
@@ -105,7 +105,7 @@ def _at(x):
 
 
 @inline
-def _between(table, i, a, j, b, k):
+def _bilinear(table, i, a, j, b, k):
     """Entry of a table, bilinear between four nodes."""
     low = (1.0 - b) * table[i, j, k] + b * table[i, j + 1, k]
     return (1.0 - a) * low + a * ((1.0 - b) * table[i + 1, j, k] + b * table[i + 1, j + 1, k])
@@ -114,10 +114,10 @@ def _between(table, i, a, j, b, k):
 @inline
 def _layer(layers, paint, cosine):
     """M and R of the specular layer in a direction."""
-    i, a = _at(math.sqrt(paint.alpha))
-    j, b = _at(math.sqrt(max(cosine, 0.0)))
-    full, grazing = _between(layers.pairs, i, a, j, b, 0), _between(layers.pairs, i, a, j, b, 1)
-    many = _many(paint.facing, 1.0 - full, _between(layers.pairs, i, a, j, b, 2))
+    i, a = _node(math.sqrt(paint.alpha))
+    j, b = _node(math.sqrt(max(cosine, 0.0)))
+    full, grazing = _bilinear(layers.pairs, i, a, j, b, 0), _bilinear(layers.pairs, i, a, j, b, 1)
+    many = _many(paint.facing, 1.0 - full, _bilinear(layers.pairs, i, a, j, b, 2))
     return Layer(many, paint.facing * (full - grazing) + grazing + many)
 
 
@@ -141,7 +141,7 @@ def masking(alpha, cosine):
 
 
 @inline
-def _both(visible, other):
+def _lit_share(visible, other):
     """G(v, l) / G_1(v), with correlated heights: the share of visible facets that light reaches, too."""
     return other / (visible + other - visible * other) if other > 0.0 else 0.0
 
@@ -162,10 +162,10 @@ def viewed_along(layers, paint, view):
     if paint.alpha == 0.0:
         return ViewedSurface(view, bare, 1.0, 1.0, 0.0, bare, 1.0, 0.0)
     layer = _layer(layers, paint, view[2])
-    i, a = _at(math.sqrt(paint.alpha))
-    j, b = _at(paint.facing)
-    many = max(_between(layers.pairs, i, a, j, b, 3), 1e-12)
-    kept = max(1.0 - _between(layers.pairs, i, a, j, b, 4), 1e-9)
+    i, a = _node(math.sqrt(paint.alpha))
+    j, b = _node(paint.facing)
+    many = max(_bilinear(layers.pairs, i, a, j, b, 3), 1e-12)
+    kept = max(1.0 - _bilinear(layers.pairs, i, a, j, b, 4), 1e-9)
     return ViewedSurface(view, layer, many, kept, specular_chance(paint, layer), bare, 1.0, 0.0)
 
 
@@ -175,15 +175,15 @@ def _coated_along(layers, paint, view):
     layer, many, kept, chance = Layer(0.0, 0.0), 1.0, 1.0, 0.0
     if paint.alpha > 0.0:
         layer = _layer(layers, paint, view[2])
-        i, a = _at(math.sqrt(paint.alpha))
-        j, b = _at(paint.facing)
-        many = _between(layers.pairs, i, a, j, b, 3) - paint.coat * _both_means(layers, paint, 0)
-        kept = 1.0 - _between(layers.pairs, i, a, j, b, 4) + paint.coat * _both_means(layers, paint, 1)
+        i, a = _node(math.sqrt(paint.alpha))
+        j, b = _node(paint.facing)
+        many = _bilinear(layers.pairs, i, a, j, b, 3) - paint.coat * _coated_mean(layers, paint, 0)
+        kept = 1.0 - _bilinear(layers.pairs, i, a, j, b, 4) + paint.coat * _coated_mean(layers, paint, 1)
         chance = specular_chance(paint, layer)
-    i, a = _at(math.sqrt(paint.coat_alpha))
-    j, b = _at(_COAT)
-    coat, coat_many = _coat(layers, paint, view[2]), paint.coat * _between(layers.pairs, i, a, j, b, 3)
-    kept -= paint.coat * _between(layers.pairs, i, a, j, b, 4)
+    i, a = _node(math.sqrt(paint.coat_alpha))
+    j, b = _node(_COAT)
+    coat, coat_many = _coat(layers, paint, view[2]), paint.coat * _bilinear(layers.pairs, i, a, j, b, 3)
+    kept -= paint.coat * _bilinear(layers.pairs, i, a, j, b, 4)
     under = (1.0 - coat.returned) * (layer.returned + paint.diffuse * (1.0 - layer.returned))
     follow = min(0.95, max(0.05, coat.returned / (coat.returned + under + 1e-12)))
     return ViewedSurface(view, layer, max(many, 1e-12), max(kept, 1e-9), chance, coat, max(coat_many, 1e-12), follow)
@@ -197,7 +197,7 @@ def _coat(layers, paint, cosine):
 
 
 @inline
-def _both_means(layers, paint, part):
+def _coated_mean(layers, paint, part):
     """Entry of `Layers.coated`, trilinear between eight nodes."""
     last, total = COARSE - 1, 0.0
     x, y, z = math.sqrt(paint.coat_alpha) * last, math.sqrt(paint.alpha) * last, paint.facing * last
@@ -244,7 +244,9 @@ def _of_layers(layers, paint, viewed, lit):
 @unit
 def _reflected_by_coat(layers, paint, viewed, lit):
     """Values of `reflected` with a clear coat."""
-    coat, coat_viewed = _coat(layers, paint, lit[2]), viewed.coat
+    coat = _coat(layers, paint, lit[2])
+    coat_viewed = viewed.coat
+    # f_1 times the cosine, the terms of f in brackets, and the density, without a specular layer
     once, around, density = 0.0, paint.diffuse / viewed.kept, lit[2] / math.pi
     if paint.alpha > 0.0:
         once, around, density = _of_layers(layers, paint, viewed, lit)
@@ -262,9 +264,10 @@ def _once(facing, alpha, view, lit):
     glance = max(dot(view, half), 1e-12)
     # Density of facets with this normal, times their visible part.
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
-    facets, visible = alpha * alpha / (math.pi * inner * inner), masking(alpha, view[2])
+    facets = alpha * alpha / (math.pi * inner * inner)
+    visible = masking(alpha, view[2])
     single = facets * visible / (4.0 * view[2])
-    return fresnel(facing, glance) * single * _both(visible, masking(alpha, lit[2])), single
+    return fresnel(facing, glance) * single * _lit_share(visible, masking(alpha, lit[2])), single
 
 
 @inline
@@ -321,7 +324,8 @@ def tabled_layers() -> Layers:
     sums[:, :, 2] = np.tensordot(_ROOT, features, 1)
     many = _many.function(root[:, None, None], 1.0 - full, sums[:, :, 2])  # by reflectance first
     returned = root[:, None, None] * (full - grazing) + grazing + many
-    both, weights = np.stack([many, returned], axis=-1).transpose(1, 0, 2, 3), _weights(root)
+    both = np.stack([many, returned], axis=-1).transpose(1, 0, 2, 3)
+    weights = _weights(root)
     coat = _COAT * (full - grazing) + grazing + _many.function(_COAT, 1.0 - full, sums[:, :, 2])
     step = (NODES - 1) // (COARSE - 1)
     coated = np.einsum("ac,bfck,c->abfk", coat[::step], both[::step, ::step], weights)
@@ -333,7 +337,9 @@ def _weights(root: np.ndarray) -> np.ndarray:
     """Weights of nodes in means over a hemisphere, of functions linear between the nodes (Gauss and Legendre)."""
     # The mean of f is the integral of 2 c f dc, with c = root^2: 4 root^3 f droot.
     nodes, weights = np.polynomial.legendre.leggauss(3)
-    part, low, step = 0.5 * (1.0 + nodes), root[:-1, None], np.diff(root)[:, None]
+    part = 0.5 * (1.0 + nodes)
+    low = root[:-1, None]
+    step = np.diff(root)[:, None]
     piece = 0.5 * weights * step * 4.0 * (low + part * step) ** 3
     return np.append(piece @ (1.0 - part), 0.0) + np.append(0.0, piece @ part)
 
@@ -354,14 +360,16 @@ def fill_sums(sums, steps, turns):
         for j in range(nodes):
             cosine = max(1e-4, (j / (nodes - 1)) ** 2)
             view = math.sqrt(1.0 - cosine * cosine), 0.0, cosine
-            full, grazing, onward, visible = 0.0, 0.0, 0.0, masking(alpha, cosine)
+            visible = masking(alpha, cosine)
+            full, grazing, onward = 0.0, 0.0, 0.0
             for a in range(steps):
-                s, step = (a + 0.5) / steps, ((a + 1) ** 4 - a**4) / steps**4
+                s = (a + 0.5) / steps
+                step = ((a + 1) ** 4 - a**4) / steps**4
                 for b in range(turns):
                     half = visible_facet(alpha, view, 1.0 - s**4, 0.5 * (b + 0.5) / turns)
                     glance = view[0] * half[0] + view[2] * half[2]
                     lit = 2.0 * glance * half[2] - view[2]
-                    part = step * _both(visible, masking(alpha, lit))
+                    part = step * _lit_share(visible, masking(alpha, lit))
                     schlick = (1.0 - min(max(glance, 0.0), 1.0)) ** 5
                     full += part
                     grazing += part * schlick

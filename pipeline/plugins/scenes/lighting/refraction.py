@@ -18,20 +18,20 @@ from pipeline.targets.vectors import unit as of_length_one
 @inline
 def dielectric(cosine, ratio):
     """Reflectance of a face for unpolarised light, and the cosine of refracted light, 0 if all is reflected."""
-    inner = 1.0 - (1.0 - cosine * cosine) / (ratio * ratio)
-    if not inner > 0.0:
+    beyond_squared = 1.0 - (1.0 - cosine * cosine) / (ratio * ratio)
+    if not beyond_squared > 0.0:
         return 1.0, 0.0
-    beyond = math.sqrt(inner)
-    across = (cosine - ratio * beyond) / (cosine + ratio * beyond)
-    within = (ratio * cosine - beyond) / (ratio * cosine + beyond)
-    return 0.5 * (across * across + within * within), beyond
+    beyond = math.sqrt(beyond_squared)
+    perpendicular = (cosine - ratio * beyond) / (cosine + ratio * beyond)
+    parallel = (ratio * cosine - beyond) / (ratio * cosine + beyond)
+    return 0.5 * (perpendicular * perpendicular + parallel * parallel), beyond
 
 
 @inline
 def through_pane(cosine, index):
     """Transmittance (1 - r) / (1 + r) of a pane with all internal reflections, from outside; r of one face."""
-    share, _ = dielectric(abs(cosine), index)
-    return (1.0 - share) / (1.0 + share)
+    r, _ = dielectric(abs(cosine), index)
+    return (1.0 - r) / (1.0 + r)
 
 
 @inline
@@ -62,14 +62,14 @@ def glass_reflected(paint, view, lit):
     glance, other = dot(view, half), dot(lit, half)
     if not (view[2] > 0.0 and glance > 0.0 and other * lit[2] > 0.0):
         return 0.0, 0.0
-    share, _ = dielectric(glance, ratio)
+    reflectance, _ = dielectric(glance, ratio)
     inner = half[2] * half[2] * (alpha * alpha - 1.0) + 1.0
     facets = alpha * alpha / (math.pi * inner * inner) * masking(alpha, view[2]) / view[2]
     if lit[2] > 0.0:
-        density = share * facets / 4.0
+        density = reflectance * facets / 4.0
         return density * masking(alpha, lit[2]), density
-    spread = glance + ratio * other
-    once = (1.0 - share) * facets * glance * -other / (spread * spread)
+    denominator = glance + ratio * other
+    once = (1.0 - reflectance) * facets * glance * -other / (denominator * denominator)
     return once * masking(alpha, -lit[2]), once * ratio * ratio
 
 
@@ -78,9 +78,10 @@ def glass_scattered(paint, view, pair, dice):
     """A direction on either side of rough glass, drawn by its facets; zero if a facet sends light to another facet."""
     half = visible_facet(paint.alpha, view, pair[0], pair[1])
     glance = dot(view, half)
-    share, beyond = dielectric(glance, paint.ratio)
-    if dice < share:
-        lit, side = along(times(-1.0, view), 2.0 * glance, half), 1.0
+    reflectance, beyond = dielectric(glance, paint.ratio)
+    side = 1.0 if dice < reflectance else -1.0
+    if side > 0.0:
+        lit = along(times(-1.0, view), 2.0 * glance, half)
     else:
-        lit, side = bent(times(-1.0, view), half, glance, beyond, paint.ratio), -1.0
+        lit = bent(times(-1.0, view), half, glance, beyond, paint.ratio)
     return lit if side * lit[2] > 0.0 else (0.0, 0.0, 0.0)

@@ -66,15 +66,18 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
     Returns the numbers of both.
     """
     lamps, scene, paths, hits, shadows = borrowed((lamps, scene, paths, hits, shadows))
-    (layers, points, gap_mm), of_each, rays, count = scene, np.empty(lamps_in(lamps)), 0, 0
+    layers, points, gap_mm = scene
+    of_lamp = np.empty(lamps_in(lamps))
+    rays, count = 0, 0
     for i in range(paths.power.size):
         if hits.distance[i] == math.inf:
             continue
         surface = _surface_at(layers, hits, i, row(paths.direction, i))
-        asked, dice = _candidates(vertex, surface.paint), (points, paths.key[i], paths.rank[i], draws.STAGES * vertex)
+        candidates = _candidates(vertex, surface.paint)
+        dice = points, paths.key[i], paths.rank[i], draws.STAGES * vertex
         # Next-event estimation: a shadow ray, unless another lamp is in its way.
-        if of_each.size > 0:
-            lamp, direction, end, light = _light_of_lamp(lamps, of_each, layers, surface, dice, asked)
+        if of_lamp.size > 0:
+            lamp, direction, end, light = _light_of_lamp(lamps, of_lamp, layers, surface, dice, candidates)
             start, direction, end = _aimed(surface, direction, end, gap_mm)
             light *= paths.power[i]
             if light > 0.0 and not blocked_by_lamp(lamps.table, lamp, start, direction, end):
@@ -89,7 +92,7 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
             if count < i:
                 move(paths, i, count)
             paths.power[count] = paths.power[count] * value / chance / survives
-            paths.density[count], paths.asked[count] = chance, asked
+            paths.density[count], paths.candidates[count] = chance, candidates
             if surface.paint.ratio > 0.0 and _outside(surface.paint) * rise < 0.0:
                 paths.density[count] = math.inf  # in glass, from where no lamp is asked
             if rise < 0.0:
@@ -105,9 +108,11 @@ def shade(lamps, scene, vertex, paths, hits, shadows):
 @inline
 def _surface_at(layers, hits, i, direction):
     """The point where a path meets a surface."""
-    normal, of_paint = row(hits.normal, i), hits.paint
-    paint = Paint(of_paint[i, 0], of_paint[i, 1], of_paint[i, 2], of_paint[i, 3], of_paint[i, 4], of_paint[i, 5])
-    (x, y), out = across(normal), _outside(paint)
+    normal = row(hits.normal, i)
+    fields = hits.paint
+    paint = Paint(fields[i, 0], fields[i, 1], fields[i, 2], fields[i, 3], fields[i, 4], fields[i, 5])
+    x, y = across(normal)
+    out = _outside(paint)
     viewed = viewed_along(layers, paint, local(times(-1.0, direction), x, y, normal))
     return SurfacePoint(row(hits.point, i), x, y, times(out, normal), times(out, row(hits.flat, i)), paint, viewed)
 
@@ -132,20 +137,23 @@ def _candidates(vertex, paint):
 
 
 @inline
-def _light_of_lamp(lamps, of_each, layers, surface, dice, asked):
+def _light_of_lamp(lamps, of_lamp, layers, surface, dice, candidates):
     """A point of a lamp: the lamp, direction, path to it, and its light if nothing is in between.
 
     The point is drawn among the candidates in proportion to their light, and stands for the mean of them all. So only
     shadows have the noise of a single point.
     """
     points, key, number, stage = dice
-    total, u, lamp, aim, path = 0.0, 0.0, -1, surface.normal, math.inf
-    estimates = estimates_at(lamps, surface.point, surface.normal, of_each)
-    if asked > 1:
+    # Reservoir sampling: of n candidates the k-th replaces the one that is kept with the chance value / total so far;
+    # u, a number in [0, 1), is stretched again after each choice.
+    total, u = 0.0, 0.0
+    lamp, aim, path = -1, surface.normal, math.inf
+    estimates = estimates_at(lamps, surface.point, surface.normal, of_lamp)
+    if candidates > 1:
         u = draws.draw(points, key, number, stage + draws.CHOICE)[0]
-    for c in range(asked):
-        pair = draws.draw(points, key, asked * number + c, stage + draws.LAMP)
-        k, direction, end, value = _candidate(lamps, layers, (of_each, estimates), surface, pair, asked)
+    for c in range(candidates):
+        pair = draws.draw(points, key, candidates * number + c, stage + draws.LAMP)
+        k, direction, end, value = _candidate(lamps, layers, (of_lamp, estimates), surface, pair, candidates)
         if value > 0.0:
             total += value
             if u * total < value:
@@ -169,7 +177,7 @@ def _aimed(surface, direction, end, gap_mm):
 
 
 @inline
-def _candidate(lamps, layers, estimates, surface, pair, asked):
+def _candidate(lamps, layers, estimates, surface, pair, candidates):
     """A candidate: the lamp, direction, path to it, and its light if nothing is in between, by the power heuristic."""
     k, chance, u = chosen_lamp(*estimates, pair[0])
     if k < 0:
@@ -188,8 +196,8 @@ def _candidate(lamps, layers, estimates, surface, pair, asked):
     if paint.ratio > 0.0:
         value, by_surface = glass_reflected(paint, surface.viewed.direction, (lit[0], lit[1], _outside(paint) * lit[2]))
     if by_lamp == math.inf:
-        return k, direction, end, value * radiance / (asked * chance)
-    chance *= asked * by_lamp
+        return k, direction, end, value * radiance / (candidates * chance)
+    chance *= candidates * by_lamp
     return k, direction, end, value * radiance / chance * power_share(chance, by_surface)
 
 
@@ -207,11 +215,12 @@ def _scattered(layers, surface, dice, may_end):
     # Draw random numbers: a pair for the direction; of another pair the first decides whether the path goes on, and the
     # second whether glass reflects or refracts.
     points, key, number, stage = dice
-    pair, survival = draws.draw(points, key, number, stage + draws.SCATTER), (0.0, 0.0)
+    pair = draws.draw(points, key, number, stage + draws.SCATTER)
+    survival = 0.0, 0.0
     if may_end or surface.paint.ratio > 0.0:
         survival = draws.draw(points, key, number, stage + draws.SURVIVAL)
     # Draw the direction in the frame of the surface, whose z is the normal on the viewed side: -normal inside of glass.
-    out, survives = _outside(surface.paint), 1.0
+    out = _outside(surface.paint)
     if surface.paint.ratio > 0.0:
         lit = glass_scattered(surface.paint, surface.viewed.direction, pair, survival[1])
         value, chance = glass_reflected(surface.paint, surface.viewed.direction, lit)
@@ -222,8 +231,7 @@ def _scattered(layers, surface, dice, may_end):
         return surface.normal, 0.0, 0.0, 1.0, 1.0
     direction = unit(world(lit, surface.x, surface.y, times(out, surface.normal)))
     # End dark paths more often: the probability of survival is f cos over the density, within bounds.
-    if may_end:
-        survives = min(1.0, max(value / chance, _LEAST))
+    survives = min(1.0, max(value / chance, _LEAST)) if may_end else 1.0
     # End also where the normal for shading and that of the triangle differ in the side to which the direction points.
     if survival[0] >= survives or not out * dot(direction, surface.flat) * lit[2] > 0.0:
         return surface.normal, 0.0, 0.0, 1.0, 1.0

@@ -72,8 +72,11 @@ def sample_glow(glow, origin, pair):
     k = first_above(glow.cumulated, pair[0])
     below = glow.cumulated[k - 1] if k > 0 else 0.0
     part = min(max((pair[0] - below) / (glow.cumulated[k] - below), 0.0), 1.0)
-    t, side = glow.triangle[k], math.sqrt(part)
-    w, corners = (1.0 - side, side * (1.0 - pair[1]), side * pair[1]), glow.shapes.corners[t]
+    t = glow.triangle[k]
+    corners = glow.shapes.corners[t]
+    # Weights of the corners: even by area with the root of a number
+    side = math.sqrt(part)
+    w = 1.0 - side, side * (1.0 - pair[1]), side * pair[1]
     off = minus(along(along(times(w[0], row(corners, 0)), w[1], row(corners, 1)), w[2], row(corners, 2)), origin)
     length = math.sqrt(dot(off, off))
     direction = times(1.0 / length, off)
@@ -151,7 +154,7 @@ def _step_of_st(shapes, t, texture, first, corner):
 
 
 @inline
-def _met(surfaces, t, start, direction, straight):
+def _transmitted(surfaces, t, start, direction, straight):
     """Path to a triangle, and its transmittance there; with `straight` also of bodies of glass, without refraction."""
     shapes, materials, layers = surfaces
     path, normal = path_to(shapes.corners[t], start, direction)
@@ -175,7 +178,7 @@ def pass_by_chance(surfaces, dice, triangle, origin, direction, past):
         past[i] = math.nan
         if triangle[i] < 0:
             continue
-        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i), False)
+        path, share = _transmitted(surfaces, triangle[i], row(origin, i), row(direction, i), False)
         if share >= 1.0 or (share > 0.0 and draw(points, key[i], rank[i], stage)[0] < share):
             past[i] = path
 
@@ -193,7 +196,7 @@ def dim(surfaces, triangle, origin, direction, straight, left, light, past):
         past[i] = math.nan
         if triangle[i] < 0:
             continue
-        path, share = _met(surfaces, triangle[i], row(origin, i), row(direction, i), straight[i])
+        path, share = _transmitted(surfaces, triangle[i], row(origin, i), row(direction, i), straight[i])
         if share > 0.0 and path < left[i]:
             light[i] *= share
             past[i] = path
@@ -209,8 +212,8 @@ def joined(pieces: list[Shapes]) -> Shapes:
 
 def _widened(piece: Shapes, width: int) -> Shapes:
     """A piece with primvars of a common width."""
-    more = width - piece.primvars.shape[2]
-    return piece._replace(primvars=np.pad(piece.primvars, ((0, 0), (0, 0), (0, more))))
+    missing = width - piece.primvars.shape[2]
+    return piece._replace(primvars=np.pad(piece.primvars, ((0, 0), (0, 0), (0, missing))))
 
 
 def of_patch(patch: Patch, pose: Float64[np.ndarray, "4 4"], material: int) -> Shapes:
@@ -241,8 +244,8 @@ def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish
         normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
     tables = [np.asarray(values, float).reshape(count, 3, -1) for values in finish.primvars.values()]
     primvars = np.concatenate([np.zeros((count, 3, 0)), *tables], axis=2)
-    chosen = np.full(count, rows[0]) if finish.material_of is None else np.array(rows)[finish.material_of]
-    return Shapes(corners, normals, primvars, chosen)
+    material = np.full(count, rows[0]) if finish.material_of is None else np.array(rows)[finish.material_of]
+    return Shapes(corners, normals, primvars, material)
 
 
 def outward(piece: Shapes) -> Shapes:
@@ -269,7 +272,8 @@ def _flat(corners: Float64[np.ndarray, "m 3 3"]) -> np.ndarray:
 
 def glow_of(shapes: Shapes, materials: Materials) -> tuple[Glow, float]:
     """Emissive triangles, drawn by area times emission, still without an estimate; and the sum of the products."""
-    emission, power, area = _emission(materials), *np.zeros((2, len(shapes.corners)))
+    emission = _emission(materials)
+    power, area = np.zeros((2, len(shapes.corners)))
     emitting = np.flatnonzero(emission[shapes.material] > 0)  # of few scenes any, and each slice of the light asks
     edge, next_edge = (shapes.corners[emitting, k] - shapes.corners[emitting, 0] for k in (1, 2))
     area[emitting] = 0.5 * np.linalg.norm(np.cross(edge, next_edge), axis=1)

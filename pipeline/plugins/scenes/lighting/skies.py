@@ -63,7 +63,7 @@ def dome_texel(dome, direction):
 
 @inline
 def dome_density(dome, direction):
-    """Density of `dome_sample` [1/sr]."""
+    """Density of `dome_sample` [1/sr]: the chance of a bin over its solid angle, 2 pi^2 cos(latitude) / (h w)."""
     height, width, _ = dome.texels.shape
     y, x = _position(dome, direction)
     i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
@@ -77,10 +77,10 @@ def dome_sample(dome, pair):
     """A direction drawn by the brightness of the sky, and its density [1/sr]."""
     height, width, _ = dome.texels.shape
     i = first_above(dome.rows, pair[0]) - 1
-    part = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
+    row_share = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
     j = first_above(dome.columns[i], pair[1]) - 1
-    other = (pair[1] - dome.columns[i, j]) / (dome.columns[i, j + 1] - dome.columns[i, j])
-    latitude, longitude = (0.5 - (i + part) / height) * math.pi, (0.5 - (j + other) / width) * 2.0 * math.pi
+    column_share = (pair[1] - dome.columns[i, j]) / (dome.columns[i, j + 1] - dome.columns[i, j])
+    latitude, longitude = (0.5 - (i + row_share) / height) * math.pi, (0.5 - (j + column_share) / width) * 2.0 * math.pi
     across = math.cos(latitude)
     direction = across * math.sin(longitude), math.sin(latitude), across * math.cos(longitude)
     return direction, dome_density(dome, direction)
@@ -97,12 +97,13 @@ def sky_of(
     if name is None:
         return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)), 1.0)
     picture = np.array(pictures[name], np.float32)
-    texels, height = picture[..., :3].astype(float) @ raised, len(picture)
+    texels = picture[..., :3].astype(float) @ raised
+    height = len(picture)
     rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
     taller = np.max([rows[:-2], rows[1:-1], rows[2:]], axis=0)
-    most = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
+    brightest = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
     sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
-    share = (most + _FLOOR * most.mean() + 1e-12) * sine
+    share = (brightest + _FLOOR * brightest.mean() + 1e-12) * sine
     columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
     sums = columns[:, -1:]
     rows = np.concatenate([[0.0], np.cumsum(sums[:, 0])])

@@ -75,8 +75,8 @@ def _scene(params: LabelsTile, inputs: Inputs) -> tuple[LabelledScene, Requested
     later = None
     if (next_frame := params.later) is not None:
         poses = [np.array(target.vision_from_target) for target in next_frame.targets]
-        occluders = [occluder and placed_occluder(occluder) for occluder in next_frame.occluders]
-        motions = [thing and thing.motion for thing in (*next_frame.targets, *next_frame.occluders)]
+        occluders = [None if occluder is None else placed_occluder(occluder) for occluder in next_frame.occluders]
+        motions = [None if thing is None else thing.motion for thing in (*next_frame.targets, *next_frame.occluders)]
         later = Later(poses, occluders, next_frame.shutter, motions)
     targets = list(map(placed_target, params.view.targets))
     lit = lit_view(params.view, inputs).in_light(0) if params.view.lighting else None
