@@ -6,13 +6,12 @@ from scipy.interpolate import BSpline
 from shorter import few_cases
 
 from pipeline.plugins.scenes.reading import solids
+from pipeline.plugins.scenes.reading.cage import Cage, NotManifold
 from pipeline.plugins.scenes.reading.subdivision import (
     BILINEAR,
     CATMULL_CLARK,
     LOOP,
-    Cage,
     Levels,
-    NotManifold,
     _Rules,
     limit_normals,
 )

@@ -15,7 +15,7 @@ from pipeline.scene.usd.values import UnreadableValue, need, targets
 
 _RANGE_NM = 200.0, 20000.0
 """Wavelengths at which indices are tabled where a formula holds everywhere: all that a camera may have."""
-_MOST = 10.0
+_MOST_INDEX = 10.0
 """Largest index [1]: germanium has 4."""
 _ENTRIES = 300
 """Entries of a table of indices [1]: between two of them N-BK7 is linear to 2e-6."""
@@ -31,19 +31,19 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
     if not prim.HasAPI("PlenGlassAPI"):
         return None, []
     name = need(prim, "plen:glass")
-    at = prim.GetAttribute("plen:glass") if name else surface.GetInput("ior").GetAttr() or surface.GetPrim()
+    source = prim.GetAttribute("plen:glass") if name else surface.GetInput("ior").GetAttr() or surface.GetPrim()
     lights_nm = list(_camera_nm(prim.GetStage())) or [_RANGE_NM[0]]
     try:
         medium = Medium(label="glass", dispersion=Constant(n=ior))
         if name:
             medium = row.medium(glass=name, index=None, abbe=None, wavelength_nm=lights_nm[0])
         doubts = [row.doubt_of(medium, nm) for nm in lights_nm]
-        wrong = next((index for index in map(medium.index, lights_nm) if not 1 <= index <= _MOST), None)
+        unphysical = next((index for index in map(medium.index, lights_nm) if not 1 <= index <= _MOST_INDEX), None)
     except GlassError as error:
-        raise UnreadableValue(error.message, at, error.hint, error.code) from None
-    if wrong is not None:
+        raise UnreadableValue(error.message, source, error.hint, error.code) from None
+    if unphysical is not None:
         hint = "glass, acrylic and water have indices from 1.3 to 2"
-        raise UnreadableValue(f"the index of this glass is {wrong:g}, not 1 to {_MOST:g}", at, hint)
+        raise UnreadableValue(f"the index of this glass is {unphysical:g}, not 1 to {_MOST_INDEX:g}", source, hint)
     nm, indices = _tabled(medium)
     glass = Glass(
         wavelengths_nm=nm,
@@ -52,7 +52,7 @@ def read_glass(material: UsdShade.Material, surface: UsdShade.Shader, ior: float
         thickness_mm=need(prim, "plen:internalTransmittanceThickness"),
     )
     doubt = next(filter(None, doubts), None)
-    flaws = [warning(at, "glass-resonance", doubt.message, hint=doubt.hint)] if doubt else []
+    flaws = [warning(source, "glass-resonance", doubt.message, hint=doubt.hint)] if doubt else []
     return glass, flaws
 
 

@@ -30,7 +30,7 @@ KINDS = {
 """Kind of the record, attributes of its size, and factors of these, by type of prim."""
 _BRIGHTEST = 1e30
 """Largest radiance of a lamp [1]: images are single precision, and sums of many rays must fit."""
-_UNHEARD: dict[str, tuple[Any, str]] = {
+_IGNORED: dict[str, tuple[Any, str]] = {
     "inputs:diffuse": (1.0, "lamps light all materials alike"),
     "inputs:specular": (1.0, "lamps light all materials alike"),
     "collection:lightLink:includeRoot": (True, "a lamp lights everything"),
@@ -57,7 +57,7 @@ _FAR = ("distant", "dome")
 _OFF = 'take it out, or keep it from images with uniform token purpose = "guide"'
 _EVEN = 1e-6
 """Accepted deviation of scales from each other, and of axes from a right angle [1]: of single precision."""
-_POINTS_ASKED = 64
+_MOST_POINTS = 64
 """Most points of a target at which its lighting is checked."""
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
 
@@ -91,7 +91,8 @@ def mesh_light(prim: Usd.Prim) -> Rgb:
 def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     """A light of a kind in `KINDS`; its size does not change with time."""
     note_read(prim)
-    kind, unit_mm = KINDS[str(prim.GetTypeName())][0], stage_mm_per_unit(prim)
+    kind = KINDS[str(prim.GetTypeName())][0]
+    unit_mm = stage_mm_per_unit(prim)
     size = _size(prim, times[0])
     picture = prim.GetAttribute("inputs:texture:file")
     texture = name_of(picture) if _shows_picture(prim) else ""
@@ -100,7 +101,8 @@ def read_lamp_entry(prim: Usd.Prim, times: Sequence[float]) -> LampEntry:
     shaping = None if kind in _FAR or not prim.HasAPI(UsdLux.ShapingAPI) else _shaping(prim, kind)
     lamp = Lamp(kind=kind, radiance=radiance, size=size, texture=texture, shaping=shaping)
     if texture:
-        least, most = picture_of(picture).least, max(lamp.radiance) * picture_of(picture).most
+        least = picture_of(picture).least
+        most = max(lamp.radiance) * picture_of(picture).most
         if not (least >= 0 and most <= _BRIGHTEST):
             darkest = least * max(lamp.radiance)
             message = f"the picture shines with {darkest:g} to {most:g}, not with 0 to {_BRIGHTEST:g}"
@@ -138,11 +140,12 @@ def _is_point(prim: Usd.Prim) -> bool:
 
 def _shows_picture(prim: Usd.Prim) -> bool:
     """Whether the picture of a light is drawn."""
-    kind, given = KINDS[str(prim.GetTypeName())][0], prim.GetAttribute("inputs:texture:format")
+    kind = KINDS[str(prim.GetTypeName())][0]
+    form = prim.GetAttribute("inputs:texture:format")
     return (
         kind in ("rect", "dome")
         and is_picture(prim.GetAttribute("inputs:texture:file"))
-        and not (given and given.HasAuthoredValue() and given.Get() not in _FORMATS)
+        and not (form and form.HasAuthoredValue() and form.Get() not in _FORMATS)
     )
 
 
@@ -225,9 +228,11 @@ def _has_pole_z(prim: Usd.Prim) -> bool:
 
 def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the lamps of a dataset; `wrong` holds the prims with wrong values."""
-    stage, skies, frames = root.GetStage(), list[Usd.Prim](), tuple(frame_numbers(root))
+    stage = root.GetStage()
+    skies = list[Usd.Prim]()
+    frames = tuple(frame_numbers(root))
     for prim in lights(stage):
-        yield from _unheard(prim)
+        yield from _ignored(prim)
         kind = str(prim.GetTypeName())
         if prim.GetPath() in wrong or not frames or (kind not in KINDS and not is_mesh_light(prim)):
             continue
@@ -257,11 +262,11 @@ def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterato
         return
     stack = world_from(prim, frames, 1.0)
     _, (x, y, z) = frame_of(stack[0])
-    alike = {"rect": 0.0, "disk": x - y, "cylinder": y - z}.get(lamp.kind, max(x, y, z) - min(x, y, z))
+    unevenness = {"rect": 0.0, "disk": x - y, "cylinder": y - z}.get(lamp.kind, max(x, y, z) - min(x, y, z))
     axes = stack[0][:3, :3] / np.maximum(np.linalg.norm(stack[0][:3, :3], axis=0), 1e-300)
     moves = any(not np.allclose(frame_of(matrix)[1], (x, y, z), rtol=_EVEN) for matrix in stack[1:])
     bent = np.abs(axes.T @ axes - np.eye(3)).max()
-    if abs(alike) > _EVEN * x or bent > _EVEN or moves:
+    if abs(unevenness) > _EVEN * x or bent > _EVEN or moves:
         message = "the transform of a light scales unevenly, shears, or changes its scale with time"
         a, b = lamp.size
         drawn = f"it is drawn as a {lamp.kind} of {a:.4g} mm" + (f" by {b:.4g} mm" if b else "")
@@ -269,30 +274,32 @@ def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterato
         yield not_drawn(prim, f"{message}: {drawn} (half its width, or its radius)", hint=hint)
 
 
-def _unheard(prim: Usd.Prim) -> Iterator[Problem]:
+def _ignored(prim: Usd.Prim) -> Iterator[Problem]:
     """Warnings of attributes without effect on a light, and of what is drawn instead."""
     kind = str(prim.GetTypeName())
     if kind not in KINDS and not is_mesh_light(prim):
         yield not_drawn(prim, f"lights of type {kind} shine nothing here", f"known are {', '.join(KINDS)}; {_OFF}")
         return
-    for name, (idle, instead) in _UNHEARD.items():
+    for name, (idle, instead) in _IGNORED.items():
         if relationship := prim.GetRelationship(name):
             if target_paths(relationship):
                 yield not_drawn(relationship, f'"{name}" of a light has no effect: {instead}')
-        elif (given := prim.GetAttribute(name)) and given.HasAuthoredValue() and plain(given.Get()) != idle:
-            yield not_drawn(given, f'"{name}" = {given.Get()} of a light has no effect: {instead}')
+        elif (attribute := prim.GetAttribute(name)) and attribute.HasAuthoredValue() and plain(attribute.Get()) != idle:
+            yield not_drawn(attribute, f'"{name}" = {attribute.Get()} of a light has no effect: {instead}')
     shapeless = kind not in KINDS or KINDS[kind][0] in _FAR or not prim.HasAPI(UsdLux.ShapingAPI)
-    for given in prim.GetAuthoredAttributes():
-        name = given.GetName()
+    for attribute in prim.GetAuthoredAttributes():
+        name = attribute.GetName()
         if shapeless and name.startswith("inputs:shaping:"):
-            yield not_drawn(given, f'"{name}" has no effect on a light without an axis or ShapingAPI: it shines evenly')
-        elif name.startswith("inputs:") and given.ValueMightBeTimeVarying():
+            yield not_drawn(
+                attribute, f'"{name}" has no effect on a light without an axis or ShapingAPI: it shines evenly'
+            )
+        elif name.startswith("inputs:") and attribute.ValueMightBeTimeVarying():
             message = f'"{name}" of a light is animated, and lamps shine evenly: its value at time code 0 is drawn'
             hint = "animate its xformOps, or use one lamp per value and hide it in other frames"
-            yield not_drawn(given, message, hint)
-        elif name.startswith("inputs:") and given.HasAuthoredConnections():
+            yield not_drawn(attribute, message, hint)
+        elif name.startswith("inputs:") and attribute.HasAuthoredConnections():
             yield not_drawn(
-                given, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn'
+                attribute, f'"{name}" of a light is connected, and lamps have values only: its own value is drawn'
             )
     picture = prim.GetAttribute("inputs:texture:file")
     if kind in KINDS and picture and is_picture(picture) and not _shows_picture(prim):
@@ -319,7 +326,7 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             message = f'"{prim.GetName()}" alone makes white {brightest:.3g} times as bright as the white of image.png'
             hint = f"lower inputs:exposure by {math.log2(brightest):.2g}; image.exr and raw images hold it"
             yield warning(prim, "bright-sky", message, hint=hint)
-        for camera in _inside(dataset, entry.prim_path, entry.lamp):
+        for camera in _cameras_inside(dataset, entry.prim_path, entry.lamp):
             message = f'"{camera}" stands inside of this lamp: its images show the lamp and nothing else'
             yield warning(prim, "lamp-around-camera", message, hint="move the lamp, or make it smaller")
     bright = {entry.prim_path: entry.lamp for entry in dataset.lamps if any(entry.lamp.radiance)}
@@ -334,7 +341,7 @@ def check_shone(stage: Usd.Stage, dataset: Dataset) -> Iterator[Problem]:
             yield warning(prim, "unlit", message, hint=f"turn a lamp, or add a DomeLight: {_DIRECTED}")
 
 
-def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
+def _cameras_inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
     """Cameras whose aperture stop, the origin of their frame, lies in a lamp in any frame."""
     if lamp.kind not in ("sphere", "cylinder"):
         return []
@@ -351,11 +358,12 @@ def _inside(dataset: Dataset, path: str, lamp: Lamp) -> list[str]:
 def _is_reached(target: TargetEntry, frame: Frame, lamps: dict[str, Lamp]) -> bool:
     """Whether any lamp that is visible in a frame lights the front of any point of a target."""
     points = target.target.points()
-    sample = np.unique(np.linspace(0, len(points.kinds) - 1, min(_POINTS_ASKED, len(points.kinds))).astype(int))
+    sample = np.unique(np.linspace(0, len(points.kinds) - 1, min(_MOST_POINTS, len(points.kinds))).astype(int))
     if not len(sample):
         return True
     pose = np.array(frame.world_from_target[target.name])
-    points_mm, fronts = apply(pose, points.position_mm[sample]), points.plane_axes[sample][:, :, 2] @ pose[:3, :3].T
+    points_mm = apply(pose, points.position_mm[sample])
+    fronts = points.plane_axes[sample][:, :, 2] @ pose[:3, :3].T
     return any(
         shines(lamps[path], np.array(matrix), points_mm, fronts)
         for path, matrix in frame.world_from_lamp.items()
@@ -376,5 +384,5 @@ def shines(
     if lamp.kind == "distant":
         return bool((fronts @ z > -math.sin(min(a, math.pi / 2))).any())
     faces = (points_mm - world_from_lamp[:3, 3]) @ z < 0 if lamp.kind in ("rect", "disk") else True
-    reach = math.hypot(a, b)  # radius of the sphere around the lamp, every part of which counts as visible
-    return bool((faces & (np.sum((world_from_lamp[:3, 3] - points_mm) * fronts, axis=1) > -reach)).any())
+    radius = math.hypot(a, b)  # of the sphere around the lamp, every part of which counts as visible
+    return bool((faces & (np.sum((world_from_lamp[:3, 3] - points_mm) * fronts, axis=1) > -radius)).any())

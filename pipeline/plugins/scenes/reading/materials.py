@@ -20,6 +20,7 @@ from pipeline.scene.usd.values import UnreadableValue, plain, read, targets
 
 @partial(read_once, named=appearance_key)
 def _shaded_as(prim: Usd.Prim) -> Hashable:
+    """Key of the materials of a shape and of what it inherits."""
     shaded, of_face = shades(prim)
     return likeness_with_above(prim), tuple(each.material for each in shaded), tuple(of_face.items())
 
@@ -47,19 +48,22 @@ def _carried(
     prim: Usd.Prim, frame: int | None = None
 ) -> tuple[np.ndarray | None, dict[str, np.ndarray], list[Problem]]:
     """Normals and primvars at the corners of all triangles, and warnings of those that do not fit the shape."""
-    shape, time = drawn(prim, frame), Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
-    wanted = {each.name: each for shade in shades(prim)[0] for each in shade.primvars}
-    flaws, primvars, normals = list[Problem](), dict[str, np.ndarray](), None
+    shape = drawn(prim, frame)
+    time = Usd.TimeCode.EarliestTime() if frame is None else Usd.TimeCode(frame)
+    wanted = {primvar.name: primvar for shade in shades(prim)[0] for primvar in shade.primvars}
+    flaws = list[Problem]()
+    primvars = dict[str, np.ndarray]()
+    normals = None
     try:
         normals = _normals(prim, shape, time)
     except UnreadableValue as error:
         flaws.append(_ignored(error))
-    for name, each in sorted(wanted.items()):
+    for name, primvar in sorted(wanted.items()):
         try:
-            primvars[name] = _primvar(prim, shape, each, time)
+            primvars[name] = _primvar(prim, shape, primvar, time)
         except UnreadableValue as error:
             flaws.append(_ignored(error))
-            primvars[name] = np.tile(each.fallback, (len(shape.corners), 3))
+            primvars[name] = np.tile(primvar.fallback, (len(shape.corners), 3))
     return normals, primvars, flaws
 
 
@@ -85,7 +89,8 @@ def _normals(prim: Usd.Prim, shape: Drawn, time: Usd.TimeCode) -> np.ndarray | N
 
 def _primvar(prim: Usd.Prim, shape: Drawn, wanted: Wanted, time: Usd.TimeCode) -> np.ndarray:
     """Values of a primvar at the corners of all triangles; without one the coordinates of a solid, or its fallback."""
-    primvar, size = primvar_of(prim, wanted), len(wanted.fallback)
+    primvar = primvar_of(prim, wanted)
+    size = len(wanted.fallback)
     if primvar is not None:
         return _at_corners(values_of(primvar, time), primvar.GetInterpolation(), shape, primvar.GetAttr(), size)
     if shape.st is not None and size == shape.st.shape[1]:
@@ -109,10 +114,10 @@ def _at_corners(
             raise IndexError
         return _rows(shape.at_corners(table, interpolation, indices))
     except IndexError:
-        lost = (
+        flaw = (
             f"{len(table)} values, which do not fit its shape" if values else "indices of values that it does not have"
         )
-        message = f'"{attribute.GetName()}" has {lost}'
+        message = f'"{attribute.GetName()}" has {flaw}'
         raise UnreadableValue(message, attribute) from None
 
 
@@ -140,8 +145,9 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         first, *rest = waiting[0]
         try:
             read_finish(first)
-            told = [*remarks_on(first), *_carried(first)[2]]
-            remarks |= dict.fromkeys(told + [each for prim in rest if told for each in remarks_on(prim)])
+            of_first = [*remarks_on(first), *_carried(first)[2]]
+            of_rest = [remark for prim in rest if of_first for remark in remarks_on(prim)]
+            remarks |= dict.fromkeys(of_first + of_rest)
         except UnreadableValue as error:
             if error.thing not in blamed:
                 blamed.add(error.thing)

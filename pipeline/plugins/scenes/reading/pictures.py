@@ -34,8 +34,8 @@ class InspectedPicture:
 
 def file_attribute(texture: UsdShade.Shader) -> Usd.Attribute:
     """The attribute that names the picture of a UsdUVTexture."""
-    given = texture.GetInput("file")
-    producers = given.GetValueProducingAttributes() if given else []
+    file = texture.GetInput("file")
+    producers = file.GetValueProducingAttributes() if file else []
     if not producers:
         raise NotSupported("the texture names no file", texture.GetPrim())
     return producers[0]
@@ -72,8 +72,8 @@ def named_by(prim: Usd.Prim) -> list[tuple[Usd.Attribute, str]]:
     if not (is_shader or is_light) or is_in_preview(prim):
         return []  # in no image
     if is_shader and UsdShade.Shader(prim).GetShaderId() == "UsdUVTexture":
-        given = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
-        files, spaces = (each.GetValueProducingAttributes() if each else [] for each in given)
+        inputs = (UsdShade.Shader(prim).GetInput(name) for name in ("file", "sourceColorSpace"))
+        files, spaces = (each.GetValueProducingAttributes() if each else [] for each in inputs)
         space = str(first_of(spaces[0]) or "auto") if spaces else "auto"
         return [(files[0], space)] if files and is_picture(files[0]) else []
     file = prim.GetAttribute("inputs:texture:file") if is_light else None
@@ -125,7 +125,8 @@ def _inspected(stage: Usd.Stage, asset: str, path: str) -> InspectedPicture:
         packed = Ar.GetResolver().OpenAsset(Ar.ResolvedPath(path)) if member else None
         if member and not packed:
             raise PipelineError("cannot be read from its package", code="unreadable")
-        size, most = packed.GetSize() if packed else Path(file).stat().st_size, limits().picture_bytes
+        size = packed.GetSize() if packed else Path(file).stat().st_size
+        most = limits().picture_bytes
         if size > most:
             hint = how_to_raise("picture_bytes", size)
             raise PipelineError(f"has {size:,} bytes; a picture may have {most:,}", hint=hint, code="file-size")

@@ -7,19 +7,20 @@ use is an error.
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
-from pxr import Sdr, Usd, UsdGeom, UsdShade
+from pxr import Usd, UsdGeom, UsdShade
 
 from pipeline.plugins.scenes.lighting.records import Input, Material, Numbers, Texture
 from pipeline.plugins.scenes.reading.glass import read_glass
 from pipeline.plugins.scenes.reading.lamps import is_mesh_light, mesh_light
 from pipeline.plugins.scenes.reading.pictures import file_attribute, first_of, name_of, picture_of
+from pipeline.plugins.scenes.reading.shader_inputs import wanted_content
 from pipeline.scene.usd.meshes import appearance_key, drawn
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.readers import note_read, read_once
-from pipeline.scene.usd.values import NotSupported, Range, UnreadableValue, numbers, plain
+from pipeline.scene.usd.values import NotSupported, UnreadableValue, numbers, plain
 from pipeline.targets.mesh import is_closed
 
 _COLOUR = 3
@@ -35,10 +36,6 @@ _FALLBACKS: dict[str, tuple[str, Numbers]] = {
     "clearcoatRoughness": ("clearcoat_roughness", (0.01,)),
 }
 """Field of the record, and fallback of UsdPreviewSurface, for each input that may have a texture."""
-_RANGES = {"ior": Range(low=0.0, high=1e3), "emissiveColor": Range(low=0.0, high=1e30)}
-"""Ranges of inputs [1]: of indices with which no surface reflects more light than it gets, and of radiance."""
-_ANY = Range(low=-1e9, high=1e9)
-"""Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
 _READERS = {
     "UsdPrimvarReader_float": 1,
     "UsdPrimvarReader_float2": 2,
@@ -74,10 +71,12 @@ class Shaded(NamedTuple):
 @partial(read_once, named=appearance_key)
 def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
     """Materials of a shape, the first that of the whole shape, and the index of the material of faces in subsets."""
-    shaded, of_face = [_shade(mesh, mesh)], dict[int, int]()
+    shaded = [_shade(mesh, mesh)]
+    of_face = dict[int, int]()
     for subset in UsdShade.MaterialBindingAPI(mesh).GetMaterialBindSubsets():
         note_read(subset.GetPrim())
-        faces, each = subset.GetIndicesAttr(), _shade(subset.GetPrim(), mesh)
+        faces = subset.GetIndicesAttr()
+        each = _shade(subset.GetPrim(), mesh)
         of_face = dict.fromkeys(plain(faces.Get(Usd.TimeCode.EarliestTime()) or ()), len(shaded)) | of_face
         if faces.ValueMightBeTimeVarying():
             message = "the faces of a subset are animated, and which material a face has is not: the first ones count"
@@ -89,31 +88,34 @@ def shades(mesh: Usd.Prim) -> tuple[list[Shaded], dict[int, int]]:
 
 def _as_light(shaded: Shaded, mesh: Usd.Prim) -> Shaded:
     """A material of a mesh light: its emission tints the light if UsdLux says so, or does not count."""
-    colour, mode = mesh_light(mesh), mesh.GetAttribute("light:materialSyncMode").Get()
-    material, glow = shaded.material, shaded.material.emissive_color
+    colour = mesh_light(mesh)
+    sync_mode = mesh.GetAttribute("light:materialSyncMode").Get()
+    material = shaded.material
+    glow = material.emissive_color
     light = Input(value=colour)
-    if mode == "materialGlowTintsLight" and (glow.texture or any(glow.value)) and not glow.primvar:
+    if sync_mode == "materialGlowTintsLight" and (glow.texture or any(glow.value)) and not glow.primvar:
         light = Input(value=_product(glow.value, colour), texture=glow.texture)
         if glow.texture:
             scale, bias = (_product(row, (*colour, 1.0)) for row in (glow.texture.scale, glow.texture.bias))
             light = replace(light, texture=replace(glow.texture, scale=scale, bias=bias))
-    if mode == "noMaterialResponse":
+    if sync_mode == "noMaterialResponse":
         material = Material(diffuse_color=Input(value=(0.0, 0.0, 0.0)), ior=1.0)
     return shaded._replace(material=replace(material, emissive_color=light))
 
 
 def _product(a: Numbers, b: Numbers) -> Numbers:
-    return tuple(one * other for one, other in zip(a, b, strict=True))
+    return tuple(x * y for x, y in zip(a, b, strict=True))
 
 
-_PLACE = 2
+_ST_SIZE = 2
 """Components of texture coordinates [1], which solids have without a primvar."""
 
 
 def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     """Warnings of what is drawn otherwise than the materials of a shape ask."""
     shaded, _ = shades(mesh)
-    shape, is_glass = drawn(mesh), any(each.material.glass for each in shaded)
+    shape = drawn(mesh)
+    is_glass = any(each.material.glass for each in shaded)
     if is_glass:
         message = "points that are seen through this glass have no ground truth: it hides them as if it were opaque"
         yield not_drawn(mesh, message, "keep it away from target points whose rows matter")
@@ -124,7 +126,7 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
     for each in shaded:
         yield from (*each.flaws, *[_seen_through(mesh)] * each.is_own_opacity)
     for wanted in dict.fromkeys(wanted for each in shaded for wanted in each.primvars):
-        if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _PLACE):
+        if primvar_of(mesh, wanted) is None and (mesh.IsA(UsdGeom.Mesh) or len(wanted.fallback) != _ST_SIZE):
             message = f'a material reads "primvars:{wanted.name}", which <{mesh.GetPath()}> does not have'
             hint = f"write primvars:{wanted.name} with an interpolation"
             yield not_drawn(mesh, f"{message}: it is drawn with {_words(wanted.fallback)} everywhere", hint)
@@ -132,7 +134,8 @@ def remarks_on(mesh: Usd.Prim) -> Iterator[Problem]:
 
 def primvar_of(mesh: Usd.Prim, wanted: Wanted) -> UsdGeom.Primvar | None:
     """The primvar of a shape that a material reads; None if it has none."""
-    primvar, time = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name), Usd.TimeCode.EarliestTime()
+    primvar = UsdGeom.PrimvarsAPI(mesh).FindPrimvarWithInheritance(wanted.name)
+    time = Usd.TimeCode.EarliestTime()
     is_full = primvar and (not primvar.GetTypeName().isArray or primvar.ValueMightBeTimeVarying() or primvar.Get(time))
     return primvar if is_full and primvar.HasValue() else None
 
@@ -145,7 +148,8 @@ def values_of(primvar: UsdGeom.Primvar, time: Usd.TimeCode) -> tuple[Any, ...]:
 
 def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
     """The material that is bound to a mesh or a subset, else the display colour of the mesh."""
-    api, reason = UsdShade.MaterialBindingAPI(prim), None
+    api = UsdShade.MaterialBindingAPI(prim)
+    reason = None  # the first material that is not supported, and why
     for purpose in (UsdShade.Tokens.full, UsdShade.Tokens.preview):
         material, _ = api.ComputeBoundMaterial(purpose)
         if not material:
@@ -157,9 +161,9 @@ def _shade(prim: Usd.Prim, mesh: Usd.Prim) -> Shaded:
     colours = _display_colours(mesh)
     if reason is None:
         return colours
-    material, why = reason
-    message = f"{why.message}: what it is bound to is drawn in its display colour, grey of 18 % without"
-    return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), message, why.hint)))
+    material, error_of_material = reason
+    message = f"{error_of_material.message}: what it is bound to is drawn in its display colour, grey of 18 % without"
+    return colours._replace(flaws=(*colours.flaws, not_drawn(material.GetPrim(), message, error_of_material.hint)))
 
 
 def _display_colours(mesh: Usd.Prim) -> Shaded:
@@ -186,19 +190,22 @@ def read_material(material: UsdShade.Material) -> Shaded:
     fields: dict[str, Any] = {field: network.read(name, value) for name, (field, value) in _FALLBACKS.items()}
     if network.value(surface, "useSpecularWorkflow", 0):
         fields["specular_color"] = network.read("specularColor", (0.0, 0.0, 0.0))
-    ior, threshold = float(network.value(surface, "ior", 1.5)), float(network.value(surface, "opacityThreshold", 0.0))
+    ior = float(network.value(surface, "ior", 1.5))
+    threshold = float(network.value(surface, "opacityThreshold", 0.0))
     is_presence = network.value(surface, "opacityMode", "transparent") == "presence"
     glass, doubts = read_glass(material, surface, ior)
     record = Material(**fields, ior=ior, opacity_threshold=threshold, is_presence=is_presence, glass=glass)
-    displacement, is_coated = network.source(surface, "displacement"), record.clearcoat.differs(0.0)
-    otherwise = (
+    displacement = network.source(surface, "displacement")
+    is_coated = record.clearcoat.differs(0.0)
+    # Inputs without effect, when, and what is drawn instead
+    ignored = (
         ("ior", is_coated and not glass and ior != _OF_COAT, f"a clear coat is drawn with the index {_OF_COAT:g}"),
         ("normal", record.normal.primvar or record.normal.value != (0, 0, 1), "normals without pictures do not count"),
         ("displacement", bool(displacement), "surfaces are drawn without displacement"),
         ("metallic", glass and record.metallic.differs(0.0), "glass is drawn without its metallic"),
         ("clearcoat", glass and is_coated, "glass is drawn without its clearcoat"),
     )
-    flaws = (not_drawn(surface.GetInput(name).GetAttr(), message) for name, is_so, message in otherwise if is_so)
+    flaws = (not_drawn(surface.GetInput(name).GetAttr(), message) for name, applies, message in ignored if applies)
     network.flaws += [*doubts, *flaws]
     if not glass and (record.opacity.texture or record.opacity.primvar or record.opacity.value[0] < 1):
         network.flaws.append(_seen_through(surface.GetInput("opacity").GetAttr()))
@@ -256,17 +263,17 @@ class _Network:
 
     def source(self, shader: UsdShade.Shader, name: str) -> Any:
         """Source of an input: a value, a connection to a shader, or None for its fallback."""
-        given = shader.GetInput(name)
-        attribute = next(iter(given.GetValueProducingAttributes() if given else ()), None)
+        shader_input = shader.GetInput(name)
+        attribute = next(iter(shader_input.GetValueProducingAttributes() if shader_input else ()), None)
         if attribute is None:
-            if given and (lost := given.GetAttr().GetConnections()):
+            if shader_input and (lost := shader_input.GetAttr().GetConnections()):
                 message = f'"inputs:{name}" is connected to <{lost[0]}>, which is not there: its fallback is drawn'
-                self.flaws.append(not_drawn(given.GetAttr(), message, "write that output, or a value"))
+                self.flaws.append(not_drawn(shader_input.GetAttr(), message, "write that output, or a value"))
             return None
         if UsdShade.Output.IsOutput(attribute):
             return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
         value = self._first(attribute)
-        if value is not None and (wanted := _wanted(shader.GetShaderId(), name, value)):
+        if value is not None and (wanted := wanted_content(shader.GetShaderId(), name, value)):
             raise UnreadableValue(f'"inputs:{name}" is {shortened(str(value))}, not {wanted}', attribute)
         return value
 
@@ -291,8 +298,8 @@ class _Network:
         name = str(self.value(_supported(reader, reader.GetShaderId()), "varname", "st"))
         if not reader.GetInput("varname"):
             self.flaws.append(not_drawn(reader.GetPrim(), 'it names no primvar by "inputs:varname": st is read'))
-        given = self.value(reader, "fallback", (0.0,) * len(fallback))
-        fallback = tuple(float(number) for number in (given if isinstance(given, tuple) else (given,)))
+        value = self.value(reader, "fallback", (0.0,) * len(fallback))
+        fallback = tuple(float(number) for number in (value if isinstance(value, tuple) else (value,)))
         if len(self.primvars.setdefault(name, Wanted(name, fallback)).fallback) != len(fallback):
             message = f'"primvars:{name}" is read as {len(fallback)} numbers and as another count of them'
             raise NotSupported(message, reader.GetPrim(), hint="read it in one way")
@@ -307,6 +314,7 @@ class _Network:
         return Input(value=fallback, texture=texture)
 
     def _texture(self, source: _Connected, components: int) -> Texture:
+        """The texture of a UsdUVTexture, whose output has as many components as the input."""
         shader = _supported(source.shader, "UsdUVTexture")
         if source.output not in ({"rgb"} if components == _COLOUR else {"r", "g", "b", "a"}):
             message = f'an input of {components} numbers is connected to "outputs:{source.output}"'
@@ -328,7 +336,8 @@ class _Network:
 
     def _coordinates(self, texture: UsdShade.Shader) -> tuple[Numbers, str]:
         """The map of a texture's coordinates from a primvar, and its name; without any from "st", with a warning."""
-        st_from_primvar, shader, name = _UNTRANSFORMED, texture, "st"
+        st_from_primvar = _UNTRANSFORMED
+        shader, name = texture, "st"
         for _ in range(_MOST_TRANSFORMS):
             source = self.source(shader, name)
             if not isinstance(source, _Connected):
@@ -358,28 +367,6 @@ def _chained(outer: Numbers, inner: Numbers) -> Numbers:
     return a * g + b * j, a * h + b * k, a * i + b * m + c, d * g + e * j, d * h + e * k, d * i + e * m + f
 
 
-def _wanted(shader_id: str, name: str, value: Any) -> str | None:
-    """Content of an input by the definition of its shader, in words, if a value of USD is not that; else None."""
-    count, tokens = _declared(shader_id).get(name, (0, ()))
-    if tokens:
-        return None if value in tokens else f"one of {', '.join(tokens)}"
-    if not count:
-        return None if isinstance(value, str) else "a text"
-    values, span = numbers(value), _RANGES.get(name, _ANY)
-    return None if len(values) == count and span.holds(values).all() else f"{count} in {span}"
-
-
-@cache
-def _declared(shader_id: str) -> dict[str, tuple[int, tuple[str, ...]]]:
-    """Inputs of a shader: the number of components, 0 for texts, and the allowed tokens."""
-    shader = Sdr.Registry().GetShaderNodeByIdentifier(shader_id)
-    inputs = {name: shader.GetShaderInput(name) for name in shader.GetShaderInputNames()}
-    return {
-        name: (len(numbers(declared.GetDefaultValueAsSdfType())), tuple(token for token, _ in declared.GetOptions()))
-        for name, declared in inputs.items()
-    }
-
-
 def _supported(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
     """The shader, if it is the wanted one."""
     if shader.GetShaderId() != wanted:
@@ -391,6 +378,7 @@ def _supported(shader: UsdShade.Shader, wanted: str) -> UsdShade.Shader:
 
 
 def _seen_through(thing: Usd.Prim | Usd.Property) -> Problem:
+    """A warning of light that passes a surface."""
     message = "light passes this surface, and the ground truth does not: it hides points as if it were opaque"
     return not_drawn(thing, message, "visibility in tables of points counts whole shapes")
 

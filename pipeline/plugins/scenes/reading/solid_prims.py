@@ -33,15 +33,16 @@ _CORNERS_OF_CUBE = (7, 3, 1, 5, 0, 2, 6, 4)
 
 def tolerance_of(prim: Usd.Prim, size: float) -> float:
     """Largest distance of triangles from a curved surface of some size, in units of the stage."""
-    asked_mm = read(prim, "plen:tolerance") or 0.0
-    return asked_mm / stage_mm_per_unit(prim) if asked_mm > 0 else _FINENESS * size
+    tolerance_mm = read(prim, "plen:tolerance") or 0.0
+    return tolerance_mm / stage_mm_per_unit(prim) if tolerance_mm > 0 else _FINENESS * size
 
 
 def solid(prim: Usd.Prim, time: float | None) -> Drawn:
     """The triangles of a prim of a type in `meshes.SOLIDS`."""
-    kind, at = str(prim.GetTypeName()), code_at(time)
+    kind = str(prim.GetTypeName())
+    time_code = code_at(time)
     make, names = _MAKERS[kind], SOLIDS[kind]
-    measures: list[Any] = [prim.GetAttribute(name).Get(at) for name in names]
+    measures: list[Any] = [prim.GetAttribute(name).Get(time_code) for name in names]
     flaws: tuple[str, ...] = ()
     if not all(np.isfinite(measures)) or min(measures) < 0 or not max(measures) > 0:
         listed = ", ".join(f"{name} = {value:g}" for name, value in zip(names, measures, strict=True))
@@ -50,11 +51,13 @@ def solid(prim: Usd.Prim, time: float | None) -> Drawn:
     else:
         rough = make(*measures, max(measures)).points
         shape = make(*measures, tolerance_of(prim, float(np.ptp(rough, axis=0).max())))
-        shape = shape.along(str(prim.GetAttribute("axis").Get(at))) if prim.HasAttribute("axis") else shape
-    count, is_cube = len(shape.triangles), prim.GetTypeName() == "Cube"
+        shape = shape.along(str(prim.GetAttribute("axis").Get(time_code))) if prim.HasAttribute("axis") else shape
+    count = len(shape.triangles)
+    is_cube = kind == "Cube"
     vertex = np.argsort(_CORNERS_OF_CUBE)[(shape.points > 0) @ [4, 2, 1]] if is_cube else np.zeros(0, int)
 
     def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
+        """Values of a primvar at the corners of triangles; IndexError unless they are those of a cube's vertices."""
         if interpolation == UsdGeom.Tokens.faceVarying or len(values) != len(_CORNERS_OF_CUBE) or not is_cube:
             raise IndexError  # nobody says which vertices other solids have
         return values[vertex[shape.triangles.ravel()]]

@@ -63,7 +63,8 @@ def _turned(parts: list[np.ndarray], tolerance: float) -> Solid:
     c[-1], s[-1] = c[0], s[0]  # the seam is closed
     lengths = [np.hypot(*np.diff(part[:, :2], axis=0).T) for part in parts]
     total = sum(float(length.sum()) for length in lengths) or 1.0
-    points, normals, st, triangles, below, first = [], [], [], [], 0.0, 0
+    points, normals, st, triangles = [], [], [], []
+    below, first = 0.0, 0  # length of the meridian before a part, and number of its first point
     for part, length in zip(parts, lengths, strict=True):
         rows = len(part)
         points.append(np.stack([np.outer(part[:, 0], c), np.outer(part[:, 0], s), np.outer(part[:, 1], 0 * c + 1)], 2))
@@ -71,15 +72,18 @@ def _turned(parts: list[np.ndarray], tolerance: float) -> Solid:
         up = (below + np.concatenate([[0.0], np.cumsum(length)])) / total
         st.append(np.stack(np.broadcast_arrays(angle[None] / (2 * math.pi), up[:, None]), axis=2))
         grid = first + np.arange(rows * (around + 1)).reshape(rows, around + 1)
-        a, b, d, e = grid[:-1, :-1].ravel(), grid[:-1, 1:].ravel(), grid[1:, 1:].ravel(), grid[1:, :-1].ravel()
-        triangles += [np.stack([a, b, d], axis=1), np.stack([a, d, e], axis=1)]
-        below, first = below + float(length.sum()), first + grid.size
-    flat = [np.concatenate([part.reshape(-1, part.shape[2]) for part in arrays]) for arrays in (points, normals, st)]
+        a, b, c_, d = (corner.ravel() for corner in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]))
+        triangles += [np.stack([a, b, c_], axis=1), np.stack([a, c_, d], axis=1)]
+        below += float(length.sum())
+        first += grid.size
+    all_points, all_normals, all_st = (
+        np.concatenate([part.reshape(-1, part.shape[2]) for part in parts_of]) for parts_of in (points, normals, st)
+    )
     faces = np.concatenate(triangles)
-    corners = flat[0][faces]
+    corners = all_points[faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     faces = faces[area > 1e-12 * area.max(initial=0.0)]  # at a pole every other one has no area
-    return Solid(flat[0], faces, flat[1][faces], flat[2][faces])
+    return Solid(all_points, faces, all_normals[faces], all_st[faces])
 
 
 def sphere(radius: float, tolerance: float) -> Solid:
@@ -115,6 +119,7 @@ def plane(width: float, length: float) -> Solid:
 
 
 def cube(size: float) -> Solid:
+    """A cube about the origin, each side a plane of its own corners."""
     sheet = plane(size, size)
     sides = []
     for axis in "XYZ":

@@ -7,8 +7,9 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from pipeline.limits import limits
+from pipeline.plugins.scenes.reading.cage import Cage, NotManifold
 from pipeline.plugins.scenes.reading.solid_prims import tolerance_of
-from pipeline.plugins.scenes.reading.subdivision import BILINEAR, LOOP, Cage, Levels, NotManifold
+from pipeline.plugins.scenes.reading.subdivision import BILINEAR, LOOP, Levels
 from pipeline.scene.usd.meshes import (
     CORNERS,
     TOPOLOGY,
@@ -30,15 +31,18 @@ class SubdivisionSurface:
         if scheme == LOOP and (polygons.count != CORNERS).any():
             raise NotManifold("Loop subdivides triangles alone, and not all of its faces are such")
         mesh = UsdGeom.Mesh(prim)
-        self.scheme, self._mesh, self._polygons = scheme, mesh, polygons
+        self.scheme = scheme
+        self._mesh = mesh
+        self._polygons = polygons
         self.flaws = list[str]()
         boundary = mesh.GetInterpolateBoundaryAttr().Get(Usd.TimeCode.EarliestTime())
         corner = np.zeros(len(polygons.points))
         if boundary == UsdGeom.Tokens.edgeAndCorner and scheme != BILINEAR:
             corner[np.bincount(polygons.vertex, minlength=len(corner)) == 1] = np.inf
-        at, sharpness = array_of(prim, "cornerIndices", time).astype(int), array_of(prim, "cornerSharpnesses", time)
-        if len(at) == len(sharpness) and ((at >= 0) & (at < len(corner))).all():
-            np.maximum.at(corner, at, sharpness)
+        indices = array_of(prim, "cornerIndices", time).astype(int)
+        sharpness = array_of(prim, "cornerSharpnesses", time)
+        if len(indices) == len(sharpness) and ((indices >= 0) & (indices < len(corner))).all():
+            np.maximum.at(corner, indices, sharpness)
         else:
             self.flaws.append("cornerSharpnesses do not fit cornerIndices and are ignored")
         self.cage = Cage(polygons.vertex, polygons.count, self._creases(prim, time), corner)
@@ -52,7 +56,8 @@ class SubdivisionSurface:
         """Sharpness of the edge from each corner to the next."""
         sharp = np.zeros(len(self._polygons.vertex))
         along, lengths = (array_of(prim, name, time).astype(int) for name in ("creaseIndices", "creaseLengths"))
-        sharpness, edges = array_of(prim, "creaseSharpnesses", time), np.maximum(lengths - 1, 0)
+        sharpness = array_of(prim, "creaseSharpnesses", time)
+        edges = np.maximum(lengths - 1, 0)
         if len(sharpness) == len(lengths):
             sharpness = np.repeat(sharpness, edges)
         if lengths.sum() != len(along) or len(sharpness) != edges.sum():
@@ -133,6 +138,7 @@ def subdivided(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: s
 
 
 def refined(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str) -> Drawn:
+    """The triangles of a subdivision surface, as fine as the tolerance of the prim asks; NotManifold."""
     is_still = not any(prim.GetAttribute(name).ValueMightBeTimeVarying() for name in TOPOLOGY)
     surface = _surface_of(prim, None if is_still else time, scheme)
     levels, points = surface.levels, polygons.points
@@ -144,10 +150,12 @@ def refined(prim: Usd.Prim, time: float | None, polygons: Polygons, scheme: str)
         flaws.append(
             f"it is subdivided {level} times and then up to {far:.3g} mm off: more would be too many triangles"
         )
-    cage, origin = levels.cage(level), levels.origin(level)
+    cage = levels.cage(level)
+    origin = levels.origin(level)
     corners, face = fan_corners(cage.count, surface.is_hole[origin])
 
     def carry(values: np.ndarray, interpolation: str, indices: np.ndarray | None) -> np.ndarray:
+        """Values of a primvar at the corners of the level; IndexError for too few."""
         if interpolation == UsdGeom.Tokens.faceVarying:
             if len(values) <= polygons.corner.max(initial=-1):
                 raise IndexError

@@ -5,18 +5,16 @@ semi-sharp. The rules are those of OpenSubdiv, to which USD refers, with uniform
 on the points of the cage, so primvars at its vertices follow by the same rule. Lengths are in the unit of the points.
 """
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from pipeline.records.shapes import Bool, Float64, Int64
+from pipeline.plugins.scenes.reading.cage import INFINITELY_SHARP, Cage
+from pipeline.records.shapes import Float64
 
 CATMULL_CLARK, LOOP, BILINEAR = "catmullClark", "loop", "bilinear"
-INFINITELY_SHARP = 10.0
-"""Sharpness from which creases and corners stay sharp at all levels [levels]: UsdGeom.Mesh.SHARPNESS_INFINITE."""
 _SPREAD = {CATMULL_CLARK: 1.0, BILINEAR: 1.0, LOOP: 4.0 / 3.0}
 """Largest distance of a triangle from a curved surface, over that at the middles of its edges [1]: a right triangle is
 farthest off at the middle of its longest edge, an equilateral one at its centre."""
@@ -24,121 +22,6 @@ _ROUNDED = 1.0 / 3.0
 """Distance of a semi-sharp crease that turns smooth from a sharp one, in edges of that level [1]: of a knife."""
 _MEASURED = 50_000
 """Most faces of a level whose distance is measured at the next one [1]; beyond, each level halves the distance."""
-
-
-class NotManifold(ValueError):
-    """Faces meet in a way for which there is no rule: more than two at an edge, turned over, or in fans at a vertex."""
-
-
-@dataclass(frozen=True)
-class Cage:
-    """A control cage: the corners of its polygons, face by face, anticlockwise as seen from the front.
-
-    A corner also stands for the half-edge from it to the next corner.
-    """
-
-    vertex: Int64[np.ndarray, "c"]  # of each corner
-    count: Int64[np.ndarray, "f"]  # corners of each face
-    sharp: Float64[np.ndarray, "c"]  # of the edge from a corner to the next [levels]
-    corner: Float64[np.ndarray, "v"]  # sharpness of each vertex [levels]
-
-    @cached_property
-    def face(self) -> np.ndarray:
-        """Face of each corner."""
-        return np.repeat(np.arange(len(self.count)), self.count)
-
-    @cached_property
-    def after(self) -> np.ndarray:
-        """The next corner of the same face."""
-        after, last = np.arange(1, len(self.vertex) + 1), np.cumsum(self.count)
-        after[last - 1] = last - self.count
-        return after
-
-    @cached_property
-    def before(self) -> np.ndarray:
-        """The previous corner of the same face."""
-        before = np.empty_like(self.after)
-        before[self.after] = np.arange(len(before))
-        return before
-
-    @cached_property
-    def _edges(self) -> tuple[np.ndarray, np.ndarray]:
-        pairs = np.sort(np.stack([self.vertex, self.vertex[self.after]], axis=1), axis=1)
-        key = pairs[:, 0].astype(np.int64) * len(self.corner) + pairs[:, 1]
-        _, first, edge = np.unique(key, return_index=True, return_inverse=True)
-        return pairs[first], edge
-
-    @property
-    def ends(self) -> np.ndarray:
-        """Vertices of each edge, (e, 2)."""
-        return self._edges[0]
-
-    @property
-    def edge(self) -> np.ndarray:
-        """Edge from each corner to the next."""
-        return self._edges[1]
-
-    @cached_property
-    def faces_at_edge(self) -> np.ndarray:
-        return np.bincount(self.edge, minlength=len(self.ends))
-
-    @cached_property
-    def edge_sharp(self) -> np.ndarray:
-        """Sharpness of each edge; boundaries are infinitely sharp."""
-        sharp = np.zeros(len(self.ends))
-        np.maximum.at(sharp, self.edge, self.sharp)
-        sharp[(self.faces_at_edge == 1) | (sharp >= INFINITELY_SHARP)] = np.inf
-        return sharp
-
-    @cached_property
-    def twin(self) -> np.ndarray:
-        """Twin of each half-edge, that of the other face along the same edge; -1 at a boundary."""
-        order = np.argsort(self.edge, kind="stable")
-        same = np.flatnonzero(self.edge[order][1:] == self.edge[order][:-1])
-        twin = np.full(len(self.vertex), -1)
-        twin[order[same]], twin[order[same + 1]] = order[same + 1], order[same]
-        return twin
-
-    def marked_at(self, edges: Bool[np.ndarray, "e"]) -> np.ndarray:
-        """Number of the marked edges at each vertex."""
-        return np.bincount(self.ends[edges].ravel(), minlength=len(self.corner))
-
-    def require_manifold(self) -> None:
-        """Raise NotManifold unless each edge has two faces, or one, and each vertex one fan of them."""
-        if (self.ends[:, 0] == self.ends[:, 1]).any() or (self.faces_at_edge > 2).any():
-            raise NotManifold("an edge has more than two faces")
-        paired = self.twin >= 0
-        if (self.vertex[self.twin[paired]] == self.vertex[paired]).any():
-            raise NotManifold("neighbouring faces are turned over")
-        fan, _ = self.fans(self.faces_at_edge == 1)
-        first = np.full(len(self.corner), -1)
-        first[self.vertex] = fan
-        if (first[self.vertex] != fan).any():
-            raise NotManifold("faces meet at a vertex alone")
-
-    def fans(self, cut: Bool[np.ndarray, "e"]) -> tuple[np.ndarray, np.ndarray]:
-        """Fan of each corner, and its rank there from 0, anticlockwise.
-
-        Fans are the sectors into which marked edges divide the corners around a vertex; a single marked edge divides
-        none. They are numbered by their first corner.
-        """
-        divided = (self.marked_at(cut) > 1)[self.vertex]
-        turned = self.twin[self.before]  # the next corner around the vertex, anticlockwise
-        ends = (turned < 0) | (cut[self.edge[self.before]] & divided)
-        fan, rank = np.full(len(self.vertex), -1), np.zeros(len(self.vertex), int)
-        starts = np.flatnonzero((cut[self.edge] & divided) | (self.twin < 0))
-        while True:
-            corner, k, mine = starts, 0, starts
-            while len(corner):
-                fan[corner], rank[corner] = mine, k
-                goes_on = ~ends[corner]
-                corner, mine, k = turned[corner[goes_on]], mine[goes_on], k + 1
-                fresh = fan[corner] < 0
-                corner, mine = corner[fresh], mine[fresh]
-            left = np.flatnonzero(fan < 0)
-            if not len(left):
-                return fan, rank
-            starts = left[np.unique(self.vertex[left], return_index=True)[1]]
 
 
 def _matrix(row: np.ndarray, column: np.ndarray, value: Any, shape: tuple[int, int]) -> sparse.csr_matrix:
@@ -183,7 +66,8 @@ class _Rules:
         if self.scheme == BILINEAR:
             return sparse.identity(self.v, format="csr")
         edge, corner = self.cage.edge_sharp, self.cage.corner
-        ending, corner_ends = (edge > 0) & (edge <= 1), (corner > 0) & (corner <= 1)
+        ending = (edge > 0) & (edge <= 1)
+        corner_ends = (corner > 0) & (corner <= 1)
         total = np.bincount(self.cage.ends[ending].ravel(), np.repeat(edge[ending], 2), self.v)
         number = self.cage.marked_at(ending) + corner_ends
         share = np.where(number > 0, (total + np.where(corner_ends, corner, 0.0)) / np.maximum(number, 1), 1.0)
@@ -205,6 +89,9 @@ class _Rules:
         return mixed + _scaled((~is_corner & ~is_crease).astype(float), smooth)
 
     def _smooth(self) -> sparse.csr_matrix:
+        """Rows of smooth vertices v of n neighbours e with the face points f: ((n - 2) v + mean e + mean f) / n by
+        Catmull and Clark, (1 - n b) v + b sum e by Loop.
+        """
         cage, n = self.cage, np.maximum(self.valence, 1)
         around = _matrix(cage.vertex, cage.vertex[cage.after], 1.0, (self.v, self.v))
         if self.scheme == LOOP:
@@ -234,7 +121,8 @@ def _child(cage: Cage, scheme: str) -> Cage:
     """The cage of the next level: vertices, then edges, then faces; one quad for each corner, and for Loop one triangle
     for each corner and then one for each face."""
     v, e, f = len(cage.corner), len(cage.ends), len(cage.count)
-    sharp, at_edge = np.maximum(cage.edge_sharp - 1, 0)[cage.edge], v + cage.edge
+    sharp = np.maximum(cage.edge_sharp - 1, 0)[cage.edge]
+    at_edge = v + cage.edge
     nothing = np.zeros(len(sharp))
     if scheme == LOOP:
         rows = [cage.vertex, at_edge, at_edge[cage.before]]
@@ -311,6 +199,9 @@ class Levels:
             level += 1
 
     def _distance(self, level: int, points: np.ndarray) -> float:
+        """Largest distance of triangles of a level from the limit, at the middles of edges and diagonals: along the
+        normal, of creases across the edge.
+        """
         cage, finer = self.cage(level), self.cage(level + 1)
         flat, limit = (self.points(n) @ points for n in (level, level + 1))
         v, e = len(cage.corner), len(cage.ends)
@@ -341,18 +232,27 @@ def _tangent_weights(scheme: str, n: np.ndarray, i: np.ndarray, is_open: np.ndar
     They are left eigenvectors of the rule: sines around the vertex (Stam 1998), over half a turn in an open fan, whose
     first tangent is that of its crease. More than four quads, or six triangles, on one side of a crease have no common
     tangent plane by these rules.
+
+    With the angle t of a face, 2 pi / n or pi / n, neighbours have near cos(i t), and near sin(i t); diagonals have
+    far (cos(i t) + cos((i + 1) t)), and so with sines. By Catmull and Clark near = 4, far = 1 / (4 l - 1) and the
+    eigenvalue l = 5/16 + [cos t + cos(t/2) sqrt(18 + 2 cos t)] / 16; by Loop near = 1, far = 0, l = 3/8 + cos t / 4.
     """
     angle = np.where(is_open, np.pi, 2 * np.pi) / n
-    wave, is_wide = np.cos(angle), angle < np.pi
+    cosine, sine = np.cos(angle), np.sin(angle)
+    is_wide = angle < np.pi
     if scheme == LOOP:
-        near, far, value, beside = 1.0, np.zeros(len(n)), 3 / 8 + wave / 4, 1 / 8
+        near, far, beside = 1.0, np.zeros(len(n)), 1 / 8
+        eigenvalue = 3 / 8 + cosine / 4
     else:
-        near, value, beside = 4.0, 5 / 16 + (wave + np.cos(angle / 2) * np.sqrt(2 * (9 + wave))) / 16, 1 / 16
-        far = 1.0 / np.where(is_wide, 4 * value - 1, np.inf)
-    total, sine = (near + 2 * far) / np.tan(angle / 2), np.sin(angle)
-    ends = np.where(is_wide, (beside * near + far / 4) * sine - total / 8, 1.0) / np.where(is_wide, value - 1 / 4, 1.0)
-    c, s = (wave_of(i * angle) for wave_of in (np.cos, np.sin))
-    c1, s1 = (wave_of((i + 1) * angle) for wave_of in (np.cos, np.sin))
+        near, beside = 4.0, 1 / 16
+        eigenvalue = 5 / 16 + (cosine + np.cos(angle / 2) * np.sqrt(2 * (9 + cosine))) / 16
+        far = 1.0 / np.where(is_wide, 4 * eigenvalue - 1, np.inf)
+    # The end of an open fan: its row of the rule, (l - 1/4) end = (beside near + far / 4) sin t - total / 8
+    total = (near + 2 * far) / np.tan(angle / 2)
+    ends = np.where(is_wide, (beside * near + far / 4) * sine - total / 8, 1.0)
+    ends = ends / np.where(is_wide, eigenvalue - 1 / 4, 1.0)
+    c, s = (wave(i * angle) for wave in (np.cos, np.sin))
+    c1, s1 = (wave((i + 1) * angle) for wave in (np.cos, np.sin))
     first = np.where(is_open, (i == 0).astype(float), near * c)
     second = np.where(is_open & (i == 0), ends, near * s)
     return first, np.where(is_open, 0.0, far * (c + c1)), second, far * (s + s1), ends, -2 * ends - total
@@ -388,8 +288,8 @@ def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -
     is_corner = np.zeros(len(fan), bool)
     is_corner[fan] = ((cage.corner > 0) | (number > 2))[cage.vertex]
     scale = np.linalg.norm(tangents[0], axis=1) * np.linalg.norm(tangents[1], axis=1)
-    unusable = is_corner | ~(np.linalg.norm(normal, axis=1) > 1e-9 * scale)
-    return np.where(unusable[:, None], mean, _unit(normal))[fan]
+    is_degenerate = is_corner | ~(np.linalg.norm(normal, axis=1) > 1e-9 * scale)
+    return np.where(is_degenerate[:, None], mean, _unit(normal))[fan]
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:

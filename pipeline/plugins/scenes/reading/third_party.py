@@ -57,7 +57,8 @@ class ReferencedLayers(ThirdPartyLayers):
     """Third-party layers of a stage, and what becomes of the problems in them."""
 
     def __init__(self, stage: Usd.Stage) -> None:
-        self._stage, self.layers = stage, _referenced_layers(stage)
+        self._stage = stage
+        self.layers = _referenced_layers(stage)
         self._files = {shown_path(layer.realPath) for layer in self.layers}
 
     def wrote(self, thing: Usd.Prim | Usd.Property) -> bool:
@@ -67,42 +68,42 @@ class ReferencedLayers(ThirdPartyLayers):
     def settled(self, problems: Iterable[Problem]) -> Iterator[Problem]:
         """The problems; those in third-party layers are left out, or are warnings of what is done instead."""
         misspelt = dict[str, list[Problem]]()  # by prim
-        for each in problems:
-            thing = self._stage.GetObjectAtPath(each.at) if each.at else None
+        for fault in problems:
+            thing = self._stage.GetObjectAtPath(fault.at) if fault.at else None
             # The stage may define a prim without a type, and a third party the type that a reader refuses.
-            typed = saying(thing, "typeName") if isinstance(thing, Usd.Prim) and each.code in _OF_READERS else []
-            each = at_opinion(typed[0], each) if typed else each
-            if each.file not in self._files or not (each.is_error or each.code in _SILENT):
-                yield each
-            elif each.code == "unknown-property" and "did you mean" in (each.hint or ""):
-                misspelt.setdefault((each.at or "").partition(".")[0], []).append(each)
-            elif each.code not in _SILENT:
+            typed = saying(thing, "typeName") if isinstance(thing, Usd.Prim) and fault.code in _OF_READERS else []
+            fault = at_opinion(typed[0], fault) if typed else fault
+            if fault.file not in self._files or not (fault.is_error or fault.code in _SILENT):
+                yield fault
+            elif fault.code == "unknown-property" and "did you mean" in (fault.hint or ""):
+                misspelt.setdefault((fault.at or "").partition(".")[0], []).append(fault)
+            elif fault.code not in _SILENT:
                 with Usd.EditContext(self._stage, self._stage.GetSessionLayer()):
-                    mended = _mended(each, thing)
+                    mended = _mended(fault, thing)
                 yield from mended
-        for first, *more in misspelt.values():
-            message = first.message + (f", nor {len(more)} others that are written" if more else "")
+        for first, *others in misspelt.values():
+            message = first.message + (f", nor {len(others)} others that are written" if others else "")
             yield replace(first, severity="warning", message=message)
 
 
-def _mended(each: Problem, thing: Usd.Object | None) -> list[Problem]:
+def _mended(fault: Problem, thing: Usd.Object | None) -> list[Problem]:
     """A warning of what is done instead, written into the edit target; the error itself if nothing mends it."""
-    instead = next((text for code, text in _INSTEAD.items() if each.code.startswith(code)), None)
-    if each.code in _OF_READERS and thing and thing.GetPrim().HasAPI(UsdLux.LightAPI):
+    instead = next((text for code, text in _INSTEAD.items() if fault.code.startswith(code)), None)
+    if fault.code in _OF_READERS and thing and thing.GetPrim().HasAPI(UsdLux.LightAPI):
         UsdGeom.Imageable(thing.GetPrim()).CreatePurposeAttr(UsdGeom.Tokens.guide)
         instead = "it is left out"
-    elif each.code in (*_BLOCKED, *_OF_READERS) and isinstance(thing, Usd.Attribute):
-        if (instead := _blocked(each, thing)) is None:
+    elif fault.code in (*_BLOCKED, *_OF_READERS) and isinstance(thing, Usd.Attribute):
+        if (instead := _blocked(fault, thing)) is None:
             return []
-    elif each.code == "missing-xform-op" and isinstance(thing, Usd.Attribute):
+    elif fault.code == "missing-xform-op" and isinstance(thing, Usd.Attribute):
         thing.Set([op for op in thing.Get() if is_op(thing.GetPrim(), op)])
-    return [replace(each, severity="warning", hint=instead) if instead else each]
+    return [replace(fault, severity="warning", hint=instead) if instead else fault]
 
 
-def _blocked(each: Problem, attribute: Usd.Attribute) -> str | None:
+def _blocked(fault: Problem, attribute: Usd.Attribute) -> str | None:
     """Block a value, which counts as not written from now on; the value that counts, or None if nothing changes."""
     value, fallback = attribute.Get(Usd.TimeCode.EarliestTime()), attribute.GetTypeName().defaultValue
-    if value is None or (each.code == "wrong-type" and type(value) is type(fallback)):
+    if value is None or (fault.code == "wrong-type" and type(value) is type(fallback)):
         return None
     if attribute.GetName() == "purpose":
         return "drawn are the purposes default and render"

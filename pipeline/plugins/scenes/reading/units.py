@@ -30,8 +30,8 @@ def check_units(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Pro
         if prim.HasAuthoredReferences() or prim.HasAuthoredPayloads():
             for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
                 is_used = arc.GetArcType() in (Pcp.ArcTypeReference, Pcp.ArcTypePayload) and not arc.IsAncestral()
-                if is_used and arc.GetTargetLayer() in third_party.layers and (bad := _unconverted(prim, arc)):
-                    yield bad
+                if is_used and arc.GetTargetLayer() in third_party.layers and (fault := _unconverted(prim, arc)):
+                    yield fault
                     break
 
 
@@ -44,7 +44,8 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
         return None
     layers = set(stage_stack.layers), set(file_stack.layers)
     # Is the scale the ratio of units, by the suffix of its operations or by its size?
-    ratio, matrix = its_unit / unit, _matrix(prim, *layers)
+    ratio = its_unit / unit
+    matrix = _matrix(prim, *layers)
     scale, resolved = (float(abs(np.linalg.det(m)) ** (1 / 3)) for m in (matrix, _matrix(prim, *layers, _RESOLVING)))
     is_sized = min(abs(ratio - 1), abs(resolved / ratio - 1)) <= _SAME
     is_sized = is_sized or (scale > 0 and math.log(scale) / math.log(ratio) > _CONVERTING)
@@ -100,9 +101,9 @@ def _order(prim: Usd.Prim, file_stack: Pcp.LayerStack, ops: list[tuple[str, str]
     """The xformOpOrder with the conversion in front of the operations of the file."""
     names = list(prim.GetAttribute("xformOpOrder").Get() or ()) if prim.GetAttribute("xformOpOrder") else []
     layers = set(file_stack.layers)
-    its = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
+    of_file = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
     added = [op.split()[1] for op, _ in ops]
-    order = [name for name in names if name not in its and name not in added] + added + its
+    order = [name for name in names if name not in of_file and name not in added] + added + of_file
     return "uniform token[] xformOpOrder = [" + ", ".join(f'"{name}"' for name in order) + "]"
 
 

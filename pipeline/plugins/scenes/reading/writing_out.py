@@ -28,7 +28,9 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     """
     if len(frames) > limits().frames:
         return []  # reported by the checks
-    done, count, problems = set[Sdf.Path](), 0, list[Problem]()
+    done = set[Sdf.Path]()
+    count = 0
+    problems = list[Problem]()
     while waiting := [prim for prim in _instancers(stage) if prim.GetPath() not in done]:
         prim = waiting[0]
         done.add(prim.GetPath())
@@ -101,7 +103,7 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
     moves = any(
         a.ValueMightBeTimeVarying() for a in prim.GetAuthoredAttributes() if not a.GetName().startswith("xform")
     )
-    found = dict[tuple[int, int], _Instance]()
+    instances = dict[tuple[int, int], _Instance]()
     for frame in frames if moves else frames[:1]:
         time = Usd.TimeCode(frame)
         numbers = plain(instancer.GetProtoIndicesAttr().Get(time) or ())
@@ -111,21 +113,22 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
         mask = list(instancer.ComputeMaskAtTime(time)) or [True] * len(numbers)
         poses = instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform, instancer.IgnoreMask)
         rows = zip(ids, numbers, mask, poses, strict=True)
-        for index, (identity, number, is_there, pose) in enumerate(rows):
-            if is_there:
+        for index, (identity, number, is_drawn, pose) in enumerate(rows):
+            if is_drawn:
                 if not all(map(math.isfinite, chain(*pose))):
                     raise ValueError
-                instance = found.setdefault((identity, number), _Instance(prototypes[number]))
+                instance = instances.setdefault((identity, number), _Instance(prototypes[number]))
                 instance.poses[float(frame)], instance.indices[float(frame)] = pose, index
-    return list(found.values())
+    return list(instances.values())
 
 
 def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem]:
     """Write instances below a point instancer, each a transform above a reference to its prototype; warnings of
     primvars with too few values.
     """
-    stage, frames = prim.GetStage(), sorted({frame for instance in instances for frame in instance.poses})
-    layer, path = stage.GetSessionLayer(), prim.GetPath()
+    stage, path = prim.GetStage(), prim.GetPath()
+    layer = stage.GetSessionLayer()
+    frames = sorted({frame for instance in instances for frame in instance.poses})
     prototypes = {instance.prototype for instance in instances}
     bound = {prototype: _bound_above(stage.GetPrimAtPath(prototype), prim) for prototype in prototypes}
     hidden = {
@@ -135,14 +138,16 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance]) -> list[Problem
     }
     primvars, problems = _primvars_by_frame(prim, instances, frames)
     with Sdf.ChangeBlock():
-        for at in hidden:
-            spec = Sdf.CreatePrimInLayer(layer, at)
-            if not stage.GetPrimAtPath(at).GetTypeName():  # a prim without a type hides nothing
+        for child_path in hidden:
+            spec = Sdf.CreatePrimInLayer(layer, child_path)
+            if not stage.GetPrimAtPath(child_path).GetTypeName():  # a prim without a type hides nothing
                 spec.typeName = "Scope"
             _token(spec, "visibility").default = UsdGeom.Tokens.invisible
         for number, instance in enumerate(instances):
             placed = Sdf.CreatePrimInLayer(layer, path.AppendChild(f"{_INSTANCE}{number}"))
-            placed.specifier, placed.typeName, placed.instanceable = Sdf.SpecifierDef, "Xform", False
+            placed.specifier = Sdf.SpecifierDef
+            placed.typeName = "Xform"
+            placed.instanceable = False
             _write_poses(placed, instance, frames)
             _write_primvars(placed, instance, primvars)
             for name, material in bound[instance.prototype].items():
@@ -188,7 +193,7 @@ def _write_primvars(placed: Sdf.PrimSpec, instance: _Instance, primvars: _Primva
     for name, kind, arrays in primvars:
         attribute = Sdf.AttributeSpec(placed, name, kind)
         attribute.SetInfo("interpolation", UsdGeom.Tokens.constant)
-        values = {frame: type(arrays[frame])([arrays[frame][at]]) for frame, at in instance.indices.items()}
+        values = {frame: type(arrays[frame])([arrays[frame][index]]) for frame, index in instance.indices.items()}
         attribute.default = first = next(iter(values.values()))
         for frame, value in values.items() if any(each != first for each in values.values()) else ():
             placed.layer.SetTimeSample(attribute.path, frame, value)
@@ -216,6 +221,7 @@ def _bound_above(prototype: Usd.Prim, instancer: Usd.Prim) -> dict[str, Sdf.Path
 
 
 def _write_poses(placed: Sdf.PrimSpec, instance: _Instance, frames: list[float]) -> None:
+    """Write the transforms of an instance, and its visibility if it is not there in all frames."""
     order = Sdf.AttributeSpec(placed, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
     order.default = ["xformOp:transform"]
     transform = Sdf.AttributeSpec(placed, "xformOp:transform", Sdf.ValueTypeNames.Matrix4d)
@@ -228,8 +234,8 @@ def _write_poses(placed: Sdf.PrimSpec, instance: _Instance, frames: list[float])
         is_there = frame in instance.poses
         placed.layer.SetTimeSample(transform.path, frame, instance.poses.get(frame, first))
         if visibility:
-            shown = UsdGeom.Tokens.inherited if is_there else UsdGeom.Tokens.invisible
-            placed.layer.SetTimeSample(visibility.path, frame, shown)
+            token = UsdGeom.Tokens.inherited if is_there else UsdGeom.Tokens.invisible
+            placed.layer.SetTimeSample(visibility.path, frame, token)
 
 
 def _token(prim: Sdf.PrimSpec, name: str) -> Sdf.AttributeSpec:
@@ -248,7 +254,8 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     count = sum(len(each) for each in points if isinstance(each, Vt.Vec3fArray)) * len(frames)
     if over := over_limit(bound[0], "shapes", count, f"{count:,} points of skinned meshes"):
         return over
-    session, sampled = stage.GetSessionLayer(), list[Sdf.Path]()
+    session = stage.GetSessionLayer()
+    sampled = list[Sdf.Path]()
     with Usd.EditContext(stage, session):
         for animation in [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)]:
             for attribute in filter(None, map(animation.GetAttribute, _WEIGHTS)):
@@ -269,12 +276,12 @@ def _bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         for path in sampled:
             spec = session.GetAttributeAtPath(path)
             spec.owner.RemoveProperty(spec)
-    _keep(session, frames)
-    left = (prim for prim in bound if not _is_baked(session, prim.GetPath()))
-    return loose + [_unbaked(prim) for prim in left if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
+    _keep_frames(session, frames)
+    unbaked = (prim for prim in bound if not _is_baked(session, prim.GetPath()))
+    return loose + [_unbaked(prim) for prim in unbaked if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
 
 
-def _keep(layer: Sdf.Layer, frames: Sequence[int]) -> None:
+def _keep_frames(layer: Sdf.Layer, frames: Sequence[int]) -> None:
     """Erase samples between the frames: UsdSkel bakes one at each integer."""
     paths = list[Sdf.Path]()
     layer.Traverse(Sdf.Path.absoluteRootPath, paths.append)
