@@ -40,16 +40,16 @@ def _small(entry: CameraEntry) -> CameraEntry:
     )
 
 
-def _coarse(asked: Camera | FocusRequest) -> Camera | FocusRequest:
+def _coarse(camera: Camera | FocusRequest) -> Camera | FocusRequest:
     """The camera with pixels four times as wide, about the centre; its sensor may be up to three old pixels larger."""
-    sensor = asked.sensor
+    sensor = camera.sensor
     coarse = dataclasses.replace(
         sensor,
         width_px=math.ceil(sensor.width_px / SHRINK),
         height_px=math.ceil(sensor.height_px / SHRINK),
         pitch_mm=sensor.pitch_mm * SHRINK,
     )
-    return dataclasses.replace(asked, sensor=coarse)
+    return dataclasses.replace(camera, sensor=coarse)
 
 
 def only_images(project: Project) -> Project:

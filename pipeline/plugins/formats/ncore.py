@@ -60,7 +60,7 @@ def central_model(camera: ExportCamera, models: tuple[str, ...]) -> CentralModel
 def write(material: Material, folder: Path) -> None:
     """Write a file per camera."""
     for camera in material.cameras:
-        kind, own = _own(camera.image_model)
+        kind, own = _type_and_parameters(camera.image_model)
         windshield, remarks = _windshield(camera.image_model)
         write_json(
             folder / f"{camera.name}.json",
@@ -99,7 +99,7 @@ def _windshield(model: CentralModel) -> tuple[Json | None, list[str]]:
     return {**kind, **windshield.polynomials}, [remark]
 
 
-def _own(model: CentralModel) -> tuple[str, Json]:
+def _type_and_parameters(model: CentralModel) -> tuple[str, Json]:
     """The type of a model, and the parameters that are its own."""
     if model.name == "fisheye":
         assert model.widest_deg is not None

@@ -376,7 +376,7 @@ def _medium(sequence: _Sequence, surface: int, row: _Row) -> Named:
     if row.glass.upper() in sequence.private:
         return _private(sequence, surface, row.glass.upper())
     name, _, vendor = row.glass.replace(" ", ":").partition("_")  # nd and Vd may be two numbers
-    return sequence.glasses.of(row.line, surface, name, [vendor] if vendor else [])
+    return sequence.glasses.look_up(row.line, surface, name, [vendor] if vendor else [])
 
 
 def _private(sequence: _Sequence, surface: int, glass: str) -> Named:

@@ -38,7 +38,7 @@ class Glasses:
             self._chosen[name.casefold()] = partial(replace, substitute, remark=remark)
             self._unused[name.casefold()] = name
 
-    def of(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
+    def look_up(self, line: int, surface: int, name: str, catalogues: Sequence[str] = ()) -> Named:
         """The medium of a name or code, in the catalogues that a file names; air for one that `finish` will refuse."""
         self._unused.pop(name.casefold(), None)
         try:

@@ -91,7 +91,7 @@ def maker(text: str) -> str:
     """The maker of a catalogue from its name, as CDGM-ZEMAX202206 or OLD_SCHO; empty for a catalogue of many makers."""
     words = re.findall("[a-z]{3,}", text.casefold())
     makers = {entry["vendor"] for rows in _rows().values() for entry in rows} - {_NOBODY, _MATERIAL}
-    return next((one for word in words for one in makers if word.startswith(one) or one.startswith(word)), _NOBODY)
+    return next((name for word in words for name in makers if word.startswith(name) or name.startswith(word)), _NOBODY)
 
 
 def _coded(text: str) -> tuple[float, float] | None:
@@ -136,9 +136,9 @@ def _differences(glass: Medium, nd: float, vd: float) -> str:
     return f": n_d {round(glass.nd - nd, 5) + 0.0:+.5f}, V_d {round(glass.vd - vd, 2) + 0.0:+.2f}"
 
 
-def _differ(one: Medium, other: Medium) -> bool:
-    dn = (one.nd or 0) - (other.nd or 0)
-    dv = (one.vd or 0) - (other.vd or 0)
+def _differ(glass: Medium, other: Medium) -> bool:
+    dn = (glass.nd or 0) - (other.nd or 0)
+    dv = (glass.vd or 0) - (other.vd or 0)
     return abs(dn) > MAX_INDEX_DIFFERENCE or abs(dv) > MAX_ABBE_DIFFERENCE
 
 

@@ -226,7 +226,7 @@ def _medium(table: _Table, number: int, line: int, values: dict[str, str]) -> tu
     glass = "" if name.casefold() in _AIR | _STOP_WORDS else name
     index = None if printed.casefold() in _AIR else _value(table, line, values, "index")
     if index is None and glass:
-        named = table.glasses.of(line, number, glass)
+        named = table.glasses.look_up(line, number, glass)
         return table.glasses.printed(line, number, named, table.setting("wavelength"))
     if index is None or index == 1:
         return 1.0, None, ""

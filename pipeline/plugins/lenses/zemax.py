@@ -357,7 +357,7 @@ def _medium(system: _System, surface: int, row: _Row) -> Named:
                 system.path, f"surface {surface}: a model glass needs index and Abbe number", line=line
             )
         return system.glasses.model(line, surface, (numbers[0], numbers[1]), "" if name == "___BLANK" else name)
-    listed = system.glasses.of(line, surface, name, system.vendors)
+    listed = system.glasses.look_up(line, surface, name, system.vendors)
     nd = listed.medium.nd
     if stated and nd is not None and listed is not AIR and abs(nd - stated[0]) > MAX_INDEX_DIFFERENCE:
         remark = f"index {stated[0]:g} beside glass {name} is left over; the glass has {nd:.6g}"

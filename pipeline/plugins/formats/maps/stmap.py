@@ -56,7 +56,8 @@ def write(material: Material, folder: Path) -> None:
     """Write both maps of every camera."""
     for camera in material.cameras:
         ideal = _ideal_map(camera)
-        (x, y), f = ideal.pinhole.principal_point_px.tolist(), ideal.pinhole.principal_distance_px
+        x, y = ideal.pinhole.principal_point_px.tolist()
+        f = ideal.pinhole.principal_distance_px
         about: dict[str, str | float | int] = {f"remark{number}": line for number, line in enumerate(material.remarks)}
         about |= {"plane_mm": ideal.z_mm, "error_px": _error_px(camera, ideal)}
         about |= {"pinhole_f_px": f, "pinhole_x": x, "pinhole_y": y}

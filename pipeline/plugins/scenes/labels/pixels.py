@@ -130,10 +130,10 @@ class _LabelledPixels:
         order = np.lexsort((name, -light, row))
         row, name, light = row[order], name[order], light[order]
         rank = np.arange(len(row)) - np.searchsorted(row, row)
-        kept = rank < RANKS
+        is_ranked = rank < RANKS
         result = np.zeros((self._pixels, RANKS, 2), np.float32)
-        result[row[kept], rank[kept], 0] = names[name[kept]]
-        result[row[kept], rank[kept], 1] = (light / self._sum[row])[kept]
+        result[row[is_ranked], rank[is_ranked], 0] = names[name[is_ranked]]
+        result[row[is_ranked], rank[is_ranked], 1] = (light / self._sum[row])[is_ranked]
         return result.reshape(self._pixels, -1)
 
     def _share(self, chosen: Bool[np.ndarray, "n"]) -> np.ndarray:
@@ -149,9 +149,9 @@ class _LabelledPixels:
 
     def _grouped(self, number: np.ndarray, chosen: Bool[np.ndarray, "n"]) -> tuple[np.ndarray, ...]:
         """Groups of rays of one pixel and number: pixel, number and light of each group, and the group of each ray."""
-        most = int(number.max(initial=0)) + 1
-        keys, group = np.unique(self._row[chosen] * most + number[chosen], return_inverse=True)
-        return keys // most, keys % most, np.bincount(group, self._weight[chosen], minlength=len(keys)), group
+        stride = int(number.max(initial=0)) + 1
+        keys, group = np.unique(self._row[chosen] * stride + number[chosen], return_inverse=True)
+        return keys // stride, keys % stride, np.bincount(group, self._weight[chosen], minlength=len(keys)), group
 
 
 def _mean(values: np.ndarray, weight: np.ndarray, row: np.ndarray, rows: int) -> np.ndarray:

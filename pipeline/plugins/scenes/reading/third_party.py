@@ -102,7 +102,8 @@ def _mended(fault: Problem, thing: Usd.Object | None) -> list[Problem]:
 
 def _blocked(fault: Problem, attribute: Usd.Attribute) -> str | None:
     """Block a value, which counts as not written from now on; the value that counts, or None if nothing changes."""
-    value, fallback = attribute.Get(Usd.TimeCode.EarliestTime()), attribute.GetTypeName().defaultValue
+    value = attribute.Get(Usd.TimeCode.EarliestTime())
+    fallback = attribute.GetTypeName().defaultValue
     if value is None or (fault.code == "wrong-type" and type(value) is type(fallback)):
         return None
     if attribute.GetName() == "purpose":

@@ -179,7 +179,8 @@ def _primvars_by_frame(
     for primvar in UsdGeom.PrimvarsAPI(prim).GetAuthoredPrimvars():
         if primvar.GetInterpolation() == UsdGeom.Tokens.constant or not primvar.GetTypeName().isArray:
             continue
-        name, values = primvar.GetAttr().GetName(), {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
+        name = primvar.GetAttr().GetName()
+        values = {frame: primvar.ComputeFlattened(frame) or () for frame in frames}
         if all(len(values[frame]) >= count[frame] for frame in frames):
             primvars.append((name, primvar.GetTypeName(), values))
         else:
@@ -231,10 +232,10 @@ def _write_poses(placed: Sdf.PrimSpec, instance: _Instance, frames: list[float])
         return
     visibility = _token(placed, "visibility") if len(instance.poses) < len(frames) else None
     for frame in frames:
-        is_there = frame in instance.poses
+        is_drawn = frame in instance.poses
         placed.layer.SetTimeSample(transform.path, frame, instance.poses.get(frame, first))
         if visibility:
-            token = UsdGeom.Tokens.inherited if is_there else UsdGeom.Tokens.invisible
+            token = UsdGeom.Tokens.inherited if is_drawn else UsdGeom.Tokens.invisible
             placed.layer.SetTimeSample(visibility.path, frame, token)
 
 
