@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from pipeline.camera.focusing.focus_request import shown_f_number, stopped_down
+from pipeline.camera.focusing.focus_request import f_number_in_name, stopped_down
 from pipeline.camera.parts.camera import Camera
 from pipeline.camera.parts.spectrum import Slices, alone
 from pipeline.engine.output.deliver import Source
@@ -114,7 +114,7 @@ class Draft(NamedTuple):
         # `entry.camera` is composed when it is asked for, with the windows that the entry has then.
         entry = replace(entry, windows=None) if is_alone and entry.windows else entry
         # The name tells the variants apart: behind windows, with planes, or at an F-number.
-        variant = "planes" if has_planes else "" if f_number is None else shown_f_number(f_number)
+        variant = "planes" if has_planes else "" if f_number is None else f_number_in_name(f_number)
         name = "/".join(filter(None, ["camera", entry.full_name, "windows" * bool(entry.windows), variant]))
         if name in self.graph:
             return name
@@ -132,7 +132,7 @@ class Draft(NamedTuple):
         folder = f"cameras/{entry.folder}"
         yield Stop(entry.full_name, self.camera(entry, is_alone=True), f"{folder}/white", f"{folder}/")
         for f_number in entry.f_numbers:
-            text = shown_f_number(f_number)
+            text = f_number_in_name(f_number)
             camera = self.camera(entry, is_alone=True, f_number=f_number)
             yield Stop(f"{entry.full_name}/{text}", camera, f"{folder}/white/{text}", f"{folder}/white/{text}.")
 

@@ -264,14 +264,14 @@ def _check_unnamed(root: Usd.Prim) -> Iterator[Problem]:
         named |= {path for prim in equal for name in names for path in target_paths(prim.GetRelationship(name))}
         for attribute in equal[0].GetAuthoredAttributes():
             if substitute := _substitute(attribute):
-                others = (prim.GetAttribute(attribute.GetName()) for prim in equal)
-                unsupported.setdefault(substitute, []).extend(others)
+                equal_attributes = (prim.GetAttribute(attribute.GetName()) for prim in equal)
+                unsupported.setdefault(substitute, []).extend(equal_attributes)
     # Warn of shapes that viewers show: of types that nothing draws, and of those that nothing names.
     unnamed_by_type: dict[str, list[Usd.Prim]] = {}
     for prim in prims:
         if prim.GetPath() in named and is_drawn(prim):
             continue
-        if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_shown(prim, frames):
+        if not prim.IsA(UsdGeom.Gprim) or is_preview(prim) or not _is_visible_in_any(prim, frames):
             continue
         if not is_drawn(prim):
             message = f"<{prim.GetPath()}> is not drawn: no image and no truth has a {prim.GetTypeName()}"
@@ -318,7 +318,7 @@ def _check_invisible(root: Usd.Prim) -> Iterator[Problem]:
             yield warning(prim, "invisible-target", message, hint=hint)
 
 
-def _is_shown(prim: Usd.Prim, frames: Sequence[int]) -> bool:
+def _is_visible_in_any(prim: Usd.Prim, frames: Sequence[int]) -> bool:
     """Whether USD shows a prim in any of the frames."""
     if UsdGeom.Imageable(prim).ComputePurpose() in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
         return False

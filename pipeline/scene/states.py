@@ -83,7 +83,7 @@ def _varying(camera: Usd.Prim) -> list[Usd.Attribute]:
     return [attribute for prim in prims for attribute in varying(prim)]
 
 
-def check_held(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
+def check_steady_while_open(camera: Usd.Prim, codes: Sequence[float]) -> Iterator[Problem]:
     """Problems of numbers of a lens, a sensor or a focus that change while the shutter is open, one for all frames."""
     sensor = target(camera, "plen:camera:sensor", "PlenSensor")
     size_px: Any = read(sensor, "plen:resolution") if sensor else None

@@ -8,7 +8,7 @@ import pytest
 from laws import rigs
 from tolerances import CLOSED_FORM, MICRO_IMAGE_PX, ORDER, SIGMAS
 
-from pipeline.camera.focusing.focus_request import shown_f_number, stopped_down
+from pipeline.camera.focusing.focus_request import f_number_in_name, stopped_down
 from pipeline.camera.micro_images.centres import micro_images
 from pipeline.camera.micro_images.light import MicroLight, micro_light
 from pipeline.camera.parts.camera import Camera
@@ -37,7 +37,7 @@ def test_a_stopped_down_lens_has_the_f_number_and_keeps_its_focus() -> None:
         assert stopped.sensor_distance_mm == camera.sensor_distance_mm
         own = dataclasses.replace(stopped, prescription=camera.prescription)
         assert own == camera
-    assert [shown_f_number(f) for f in (8.0, 2.8, 11.3)] == ["f8", "f2.8", "f11.3"]
+    assert [f_number_in_name(f) for f in (8.0, 2.8, 11.3)] == ["f8", "f2.8", "f11.3"]
 
 
 def test_a_lens_is_not_opened_wider_than_its_other_surfaces_let_through() -> None:

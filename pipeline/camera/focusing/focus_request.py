@@ -355,6 +355,6 @@ def widest_stop_mm(prescription: Prescription, film_mm: float) -> float:
     return 2 * min((s.semi_diameter_mm * at_stop / y for s, y in rims), default=math.inf)
 
 
-def shown_f_number(f_number: float) -> str:
+def f_number_in_name(f_number: float) -> str:
     """An F-number in the name of a file: f8, f2.8."""
     return f"f{f_number!r}".removesuffix(".0")

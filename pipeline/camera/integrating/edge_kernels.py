@@ -48,7 +48,7 @@ class Rule(NamedTuple):
 
 
 class SingleHits(NamedTuple):
-    """Where single rays meet a plane each."""
+    """Intersections of single rays with a plane each."""
 
     on_plane: np.ndarray  # (m, 2) float64, coordinates on the plane [mm]
     density: np.ndarray  # (m,) float64, weight per area of the sampling plane

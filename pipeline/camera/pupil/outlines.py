@@ -89,7 +89,7 @@ def outlines(prescription: Prescription, plane_mm: float, max_height_mm: float, 
     heights = step * np.arange(HEIGHTS)
     starts = np.stack([heights, np.zeros(HEIGHTS), np.full(HEIGHTS, plane_mm)], axis=1)
     chief = np.stack([chief_heights(table, stop_row, plane_mm, heights), np.zeros(HEIGHTS)], axis=1)
-    inside = passing_points(table, starts, chief, np.zeros(2))
+    inside = interior_points(table, starts, chief, np.zeros(2))
     lit = ~np.isnan(inside[:, 0])
     support = np.full((HEIGHTS, DIRECTIONS), np.nan)
     if lit.any():
@@ -131,7 +131,7 @@ def passes(
     return trace(table, start.reshape(-1, 3), direction.reshape(-1, 3)).passes.reshape(direction.shape[:-1])
 
 
-def passing_points(
+def interior_points(
     table: Float64[np.ndarray, "surfaces columns"],
     starts: Float64[np.ndarray, "n 3"],
     chief: Float64[np.ndarray, "n 2"],
@@ -163,11 +163,11 @@ def edges(
     shape = (len(inside), directions)
     farthest = np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
 
-    def passing(far: np.ndarray) -> np.ndarray:
+    def passes_at(far: np.ndarray) -> np.ndarray:
         """Whether rays at these distances from the inner points pass, (n, directions)."""
         return passes(table, starts[:, None], inside[:, None] + far[..., None] * ray)
 
-    _, dark = halved(passing, np.zeros(shape), farthest, bisections)
+    _, dark = halved(passes_at, np.zeros(shape), farthest, bisections)
     return inside[:, None] + dark[..., None] * ray
 
 
@@ -187,9 +187,9 @@ def corners(support: Float64[np.ndarray, "..."]) -> np.ndarray:
     Neighbouring support lines n_i . x = h_i meet in a vertex.
     """
     normal = directions_of(DIRECTIONS)
-    following = np.roll(support, -1, axis=-1)
+    next_support = np.roll(support, -1, axis=-1)
     turn = 2 * np.pi / DIRECTIONS
-    along = (following - support * np.cos(turn)) / np.sin(turn)
+    along = (next_support - support * np.cos(turn)) / np.sin(turn)
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=-1)
     return support[..., None] * normal + along[..., None] * tangent
 
@@ -211,7 +211,7 @@ def lit_share(
         """Whether light arrives at these shares of the distance."""
         points = start_mm + shares[:, None] * (end_mm - start_mm)
         # First through the centre of the stop, which may be narrow, and else over the whole rear surface.
-        crossings = passing_points(table, points, chief_crossings(table, stop_row, points), np.zeros(2))
+        crossings = interior_points(table, points, chief_crossings(table, stop_row, points), np.zeros(2))
         return ~np.isnan(crossings[:, 0])
 
     shares = np.linspace(0, 1, _LIT_STEPS + 1)
@@ -261,7 +261,7 @@ def grid_outlines(
 def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
     """Supports of the passing rays from each point, (n, DIRECTIONS); NaN where nothing passes."""
     middle = motion_of(table[0], ENTRY)[:2, 3]
-    inside = passing_points(table, starts, chief_crossings(table, stop_row, starts), middle)
+    inside = interior_points(table, starts, chief_crossings(table, stop_row, starts), middle)
     lit = ~np.isnan(inside[:, 0])
     result = np.full((len(starts), DIRECTIONS), np.nan)
     if lit.any():

@@ -208,10 +208,10 @@ def _check_conditions(prim: Usd.Prim, misspelt: set[str | None]) -> Iterator[Pro
             (condition for condition in rule.conditions if condition.kind == "Needed" and condition.holds(prim)), None
         )
         if needing and not is_present and name not in misspelt:
-            place = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
+            thing = prim if needing.tokens else prim.GetAttribute(needing.name) or prim
             code = _FAMILIES.get(needing.name, "missing-value")
             hint = "it has no fallback: write it" if needing.tokens else f"write it, or leave {needing.name} out"
-            yield problem(place, code, f'{stated(needing)} needs "{name}"', hint=hint)
+            yield problem(thing, code, f'{stated(needing)} needs "{name}"', hint=hint)
         unmet = next(
             (condition for condition in rule.conditions if condition.kind == "Only" and condition.holds(prim) is False),
             None,
@@ -251,9 +251,9 @@ def _check_relationship(relationship: Usd.Relationship) -> Iterator[Problem]:
     for path in target_paths(relationship) if wanted else ():
         prim = stage.GetPrimAtPath(path)
         if stage.GetObjectAtPath(path) and not (prim and prim.IsA(wanted)):
-            found_type = (prim.GetTypeName() or "prim without a type") if prim else "property"
+            actual_type = (prim.GetTypeName() or "prim without a type") if prim else "property"
             yield problem(
-                relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {found_type}'
+                relationship, "wrong-target", f'"{name}" must point at a {wanted}; <{path}> is a {actual_type}'
             )
         elif prim and not prim.IsActive():
             yield problem(relationship, "wrong-target", f'"{name}" points at <{path}>, which is not active')

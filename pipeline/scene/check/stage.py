@@ -20,7 +20,7 @@ from pipeline.scene.lens import check_glass, check_group_parent, check_groups, c
 from pipeline.scene.microlenses import check_microlenses
 from pipeline.scene.plen_dataset import check_dataset, check_exports, check_only_dataset, find_dataset
 from pipeline.scene.sensor import check_sensor
-from pipeline.scene.states import check_held, is_camera
+from pipeline.scene.states import check_steady_while_open, is_camera
 from pipeline.scene.targets import check_target, is_in_preview
 from pipeline.scene.temperature import check_unused_thermal
 from pipeline.scene.tolerances import check_tolerance
@@ -106,8 +106,8 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
         return list(dict.fromkeys([*problems, *without_value]))  # the further checks look at these time codes
     for prim in parts:
         for code in codes if is_camera(prim) or prim.IsA("PlenLens") else codes[:1]:
-            problems += _check_whole(at_code(prim, code), wrong)
-        problems += check_held(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
+            problems += _check_part(at_code(prim, code), wrong)
+        problems += check_steady_while_open(prim, codes) if is_camera(prim) and prim.GetPath() not in wrong else []
     problems += check_unnamed_windows(parts, list(filter(is_camera, parts)))
     # The dataset, and what needs cameras, poses and shapes without errors.
     problems += check_only_dataset(stage)
@@ -136,7 +136,7 @@ def _codes_to_check(stage: Usd.Stage) -> list[float]:
     return [float(number) for number in frames[: limits().frames]] or [0.0]
 
 
-def _check_whole(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
+def _check_part(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     """Problems of one prim as a whole; `wrong` holds the prims with wrong values."""
     if merged := list(_check_merged(prim)):
         return merged  # all other problems would follow from it
@@ -154,15 +154,16 @@ def _of_dangling(prim: Usd.Prim) -> Problem:
     message = f'"over" on a prim that nothing defines: "{prim.GetName()}"'
     hint = did_you_mean(prim.GetName(), siblings)
     if siblings and not hint:
-        place = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
-        hint = f"{place} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
+        location = "on the stage" if parent.IsPseudoRoot() else f"below <{parent.GetPath()}>"
+        hint = f"{location} there are {', '.join(siblings[:20])}{' …' if len(siblings) > 20 else ''}"
     return problem(prim, "over-without-def", message, hint=hint)
 
 
 def _check_prim(prim: Usd.Prim, third_party: ThirdPartyLayers) -> Iterator[Problem]:
     """Problems of one prim, except its properties."""
-    name, is_known = prim.GetTypeName(), prim.GetPrimTypeInfo().GetSchemaTypeName()
-    if not is_known and not FOR_NO_IMAGE.match(name) and (opinions := saying(prim, "typeName")):
+    name = prim.GetTypeName()
+    is_defined = bool(prim.GetPrimTypeInfo().GetSchemaTypeName())
+    if not is_defined and not FOR_NO_IMAGE.match(name) and (opinions := saying(prim, "typeName")):
         hint = did_you_mean(name, known_types("UsdTyped", Usd.SchemaRegistry().GetConcreteSchemaTypeName))
         is_strange = not hint and not name.startswith("Plen")
         severity = "warning" if is_strange or opinions[0].layer in third_party.layers else "error"

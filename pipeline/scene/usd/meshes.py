@@ -104,8 +104,8 @@ def likeness(prim: Usd.Prim) -> Hashable:
     """Type and opinions of a prim, but for its pose: prims with equal ones have equal shapes."""
     opinions = prim.GetPrimStack()
     shaping = [spec for spec in opinions if any(not name.startswith(_OF_NO_SHAPE) for name in spec.properties.keys())]  # noqa: SIM118  # no dict
-    places = ((spec.layer.identifier, spec.path) for spec in shaping)
-    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *places, _clipped(prim)
+    opinion_keys = ((spec.layer.identifier, spec.path) for spec in shaping)
+    return prim.GetTypeName(), *prim.GetAppliedSchemas(), *opinion_keys, _clipped(prim)
 
 
 @read_once

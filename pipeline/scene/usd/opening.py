@@ -44,10 +44,10 @@ def open_stage(path: str | Path) -> tuple[Usd.Stage, list[Problem]]:
     path = real_path(path)
     if not path.is_file():
         file = shown_path(path)
-        is_there = os.path.lexists(path)
-        code, message = ("file-kind", f"{file} is not a plain file") if is_there else ("file-missing", "no such file")
-        hint = _hint_of_folder(path) if is_there else _hint_of_missing_stage(path)
-        raise StageError([Problem(code=code, message=message, file=file, line=1 if is_there else None, hint=hint)])
+        exists = os.path.lexists(path)
+        code, message = ("file-kind", f"{file} is not a plain file") if exists else ("file-missing", "no such file")
+        hint = _hint_of_folder(path) if exists else _hint_of_missing_stage(path)
+        raise StageError([Problem(code=code, message=message, file=file, line=1 if exists else None, hint=hint)])
     # Collects the warnings of all threads, which USD would print to stderr.
     delegate = UsdUtils.CoalescingDiagnosticDelegate()
     try:
@@ -280,8 +280,8 @@ def _hint_of_missing_asset(mentioned: str, layer: str) -> str | None:
 
 def _hint_of_missing_stage(path: Path) -> str:
     """A hint with a stage of a similar name and the searched folders."""
-    shown = Path(shown_path(path))
-    base = path.parent if shown.is_absolute() else Path.cwd()
+    short_path = Path(shown_path(path))
+    base = path.parent if short_path.is_absolute() else Path.cwd()
     return _similar(path.relative_to(base).as_posix(), _stages_by_name(path.parent, base), '"{}"', path.parent)
 
 

@@ -44,11 +44,11 @@ class PartRays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PartCopies:
-    """Copies of a mesh, whose origin is at each of the places, vision frame [mm]."""
+    """Copies of a mesh, by their origins in the vision frame."""
 
     name: str
     mesh: PartMesh
-    places_mm: Float64[np.ndarray, "n 3"]
+    origins_mm: Float64[np.ndarray, "n 3"]
 
 
 Part = PartMesh | PartCopies | PartRays
@@ -77,8 +77,8 @@ def _write_part(stage: Usd.Stage, path: str, part: Part, unit_mm: float) -> None
         copies = UsdGeom.PointInstancer.Define(stage, path)
         _write_mesh(UsdGeom.Mesh.Define(stage, f"{path}/{part.mesh.name}"), part.mesh, unit_mm)
         copies.CreatePrototypesRel().AddTarget(f"{path}/{part.mesh.name}")
-        copies.CreatePositionsAttr(_points(part.places_mm, unit_mm))
-        copies.CreateProtoIndicesAttr(Vt.IntArray(len(part.places_mm), 0))
+        copies.CreatePositionsAttr(_points(part.origins_mm, unit_mm))
+        copies.CreateProtoIndicesAttr(Vt.IntArray(len(part.origins_mm), 0))
         copies.CreateExtentAttr(copies.ComputeExtentAtTime(Usd.TimeCode.Default(), Usd.TimeCode.Default()))
 
 

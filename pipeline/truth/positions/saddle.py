@@ -74,8 +74,8 @@ def signed_share(a, b, c):
     at_b, at_c = a[1] + to_b * (b[1] - a[1]), a[1] + to_c * (c[1] - a[1])
     of_first = to_b * to_c * mean_sign(a[1], at_b, at_c)
     # The rest: (b', b, c') and (b, c, c').
-    of_others = (1.0 - to_b) * to_c * mean_sign(at_b, b[1], at_c) + (1.0 - to_c) * mean_sign(b[1], c[1], at_c)
-    return (of_first - of_others) if a[0] > 0.0 else (of_others - of_first)
+    of_rest = (1.0 - to_b) * to_c * mean_sign(at_b, b[1], at_c) + (1.0 - to_c) * mean_sign(b[1], c[1], at_c)
+    return (of_first - of_rest) if a[0] > 0.0 else (of_rest - of_first)
 
 
 @inline

@@ -96,7 +96,7 @@ def _microlenses(tracer: Tracer, array: MicrolensArray) -> PartCopies:
     corners = np.pad(-cell(array), ((0, 0), (0, 1)))
     shape = _mesh("Cell", corners, [tuple(range(len(corners)))], _ARRAY, 0.6)
     return PartCopies(
-        name="Microlenses", mesh=shape, places_mm=tracer.camera.in_vision(tracer.on_film(tracer.vertices_mm))
+        name="Microlenses", mesh=shape, origins_mm=tracer.camera.in_vision(tracer.on_film(tracer.vertices_mm))
     )
 
 
