@@ -143,12 +143,14 @@ def _surface(row: np.ndarray, c: float, bulge: float, point: np.ndarray) -> tupl
         spline = row[column.COEFFICIENTS :][: rows * columns].reshape(rows, columns)
         height, by_x, by_y = relief_at(spline, row[column.RELIEF_SPACING], point[:, :2])
         return point[:, 2] - row[column.VERTEX] - height, np.column_stack([-by_x, -by_y, np.ones(len(point))])
+    # The polynomial is S = r^2 p(v), in powers of v = r^2, or of v = r if it has odd ones: dS/d(r^2) = p + share v p'.
     curved = 1.0 - float(row[column.FORM] == column.CYLINDER)
     r2 = curved * point[:, 0] ** 2 + point[:, 1] ** 2
     coefficients = row[column.COEFFICIENTS : column.COEFFICIENTS + int(row[column.TERMS])]
     v, share = (np.sqrt(r2), 0.5) if row[column.ODD] else (r2, 1.0)
     polynomial = np.polynomial.Polynomial([*coefficients, 0.0])
     p, dp = (polynomial(v), polynomial.deriv()(v)) if len(coefficients) else (0.0, 0.0)
+    # The gradient is (-slope x, -slope y, upright), where F depends on r^2 by c and, through S, by upright.
     w = point[:, 2] - row[column.VERTEX] - r2 * p
     upright = 1.0 - c * bulge * w
     slope = c + 2.0 * upright * (p + share * v * dp)

@@ -116,11 +116,13 @@ def motions_before(
         """The motion of a prim in the vision frame; None if it stands still before the camera."""
 
         def vision_from_prim(times: Times) -> np.ndarray:
+            """Poses of the prim before the camera at time codes, (n, 4, 4) [mm]."""
             return product(camera_from_world(camera, times, unit_mm), reader(prim, times, unit_mm))
 
         return _motion(camera, shutter, [camera, prim], vision_from_prim, number)
 
     def world_from_vision(times: Times) -> np.ndarray:
+        """Poses of the camera in the world at time codes, (n, 4, 4) [mm]."""
         return inverse(camera_from_world(camera, times, unit_mm))
 
     board_motions = {prim.GetName(): motion_of(prim, world_from) for prim in boards}

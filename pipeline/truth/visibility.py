@@ -87,9 +87,9 @@ def visibility(
 def shares(
     rig: Rig, surroundings: Surroundings, target: int, bundles: PointBundles, rays: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`visibility` from `rays` rays each, and the number of rays that leave; NaN where none does.
+    """Visible share of the light of each row, its standard error, and the number of rays that leave, (n,) each.
 
-    Fewer rays are the first ones of more.
+    `rays`: for each row; fewer rays are the first ones of more. NaN where none leaves.
     """
     # Sum the weights of the rays that leave and of those that arrive, for each row and replica.
     leaving, arriving = np.zeros((2, len(bundles.x_px), REPLICAS))

@@ -123,6 +123,7 @@ def _dark_sides(sensor: Sensor, array: MicrolensArray, spread: float) -> Iterato
     sizes = sensor.size_mm
     if not len(grid.k):
         return
+    # Extent along x and y from the first to the last micro-image, as far as it lies on the sensor.
     covered = [
         np.clip(spread * axis.max() + array.pitch_mm / 2, -size / 2, size / 2)
         - np.clip(spread * axis.min() - array.pitch_mm / 2, -size / 2, size / 2)

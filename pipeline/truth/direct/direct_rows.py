@@ -236,15 +236,17 @@ def blur_of(
         from_positions = integrals(rig.tracer, Bundles(x_px, microlens, PlanePair.twice(planes).both), BLUR_LEVEL)
         moments, rays = from_positions.moments, from_positions.rays
     blurred = blur.in_image(blur.spread(moments), jacobian)
-    # The sign needs the bundle on two planes through and behind the point: upright, or across the view beside the lens.
+    # The sign needs the bundle on two planes, through and behind the point: across the axis, or across the view where
+    # the point is beside the lens.
     z = planes[:, 0, 2]
-    upright = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
-    upright[:, 0, 0, 2], upright[:, 1, 0, 2] = z, z + _APART_MM
+    pairs = np.repeat(parallel_planes(0.0, 0.0)[None], len(z), axis=0)
+    pairs[:, 0, 0, 2] = z
+    pairs[:, 1, 0, 2] = z + _APART_MM
     steep = is_steep(rig.tracer.camera.prescription, planes[:, 0])
-    upright[steep] = _across(rig, planes[steep, 0])
-    across = integrals(rig.tracer, Bundles(x_px, microlens, upright), 0)
-    _, uv = blur.deviations(matrix_4(across.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
-    return blurred, blur.signed_radius_px(blurred, uv), rays + across.rays
+    pairs[steep] = _across(rig, planes[steep, 0])
+    on_pairs = integrals(rig.tracer, Bundles(x_px, microlens, pairs), 0)
+    _, uv = blur.deviations(matrix_4(on_pairs.moments[:, COVARIANCE:WEIGHT]), np.zeros(len(z)))
+    return blurred, blur.signed_radius_px(blurred, uv), rays + on_pairs.rays
 
 
 def _across(rig: Rig, points_mm: np.ndarray) -> np.ndarray:
