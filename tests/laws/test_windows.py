@@ -324,7 +324,7 @@ def test_exports_that_a_stage_asks_for_see_through_windows_of_the_world(tmp_path
     for name, fixed in (("below", True), ("world", False)):
         file = stage(tmp_path, name, pane, fixed=fixed, dataset=asked)
         file.write_text(
-            file.read_text().replace("plen:pixelPitch = 0.05", "plen:pixelPitch = 1\nint2 plen:resolution = (32, 24)")
+            file.read_text().replace("plen:pixelPitch = 0.05", "plen:pixelPitch = 2\nint2 plen:resolution = (16, 12)")
         )
         out = made(file, tmp_path / name, common_store, targets=["exports/rays/Rig.Camera.rays.npz"]).out
         rays.append(np.load(out / "exports/rays/Rig.Camera.rays.npz"))
