@@ -1,7 +1,7 @@
 """A stage fitted to the boards by this project: `pipeline calibrate`, from drawings that are off by their tolerances.
 
 An owner does not know how good his detector is: he fits with some sigma, and again with the one that makes chi squared
-what noise leaves.
+what noise leaves. If that fit does not converge, he keeps the first.
 """
 
 import tempfile
@@ -69,7 +69,10 @@ def fitted(stage: FreeStage, columns: dict[str, np.ndarray], position: str) -> T
         everything = twin.group("all", np.ones(len(twin.observations), bool))
         sigma_px = max(SIGMA_PX * np.sqrt(everything.chi2 / everything.expected), FINEST_PX)
         is_fair = abs(np.log(sigma_px / SIGMA_PX)) < np.log(ENOUGH)
-        return twin if is_fair else fitted_with(stage, [table], Stated(sigma_px=sigma_px))
+        if is_fair:
+            return twin
+        again = fitted_with(stage, [table], Stated(sigma_px=sigma_px))
+        return again if again.solution.converged else twin
 
 
 def values_of(twin: Twin) -> np.ndarray:

@@ -33,6 +33,9 @@ _ACCURACY_PX = 1e-4
 """Error of solved positions [px]: that of the truth."""
 MOST = 800
 """Most rows of a fit, evenly taken from all: its processor time grows with their number."""
+_INNER = 0.35
+"""Part of the pitch within which rows of an unfocused camera are taken [1]: a pixel farther out sees the rim of the
+pupil, so that its rows come and go while numbers move, and a search among them ends astray."""
 
 
 class Solved:
@@ -114,10 +117,15 @@ def twin_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answ
 
 
 def _fitted(truth: Truth, stage: Path, boards: Rows, drawings: Path) -> Twin:
-    half_px = np.array(truth.rig.size_px) / 2
-    inside = np.flatnonzero((np.abs(boards.image_px + 0.5 - half_px) < half_px).all(axis=1))  # noise moves some out
-    boards = boards.only(inside[:: -(-len(inside) // MOST)])
-    write_drawings(stage, drawings, f"{truth.rig.name} {drawings.stem}")
+    rig = truth.rig
+    half_px = np.array(rig.size_px) / 2
+    is_taken = (np.abs(boards.image_px + 0.5 - half_px) < half_px).all(axis=1)  # noise moves rows out of the image
+    if rig.sensor_mm is not None:
+        off_px = np.hypot(*(boards.image_px - truth.centre_px[boards.microlens]).T)
+        is_taken &= off_px < _INNER * rig.pitch_mm / rig.pixel_mm
+    taken = np.flatnonzero(is_taken)
+    boards = boards.only(taken[:: -(-len(taken) // MOST)])
+    write_drawings(stage, drawings, f"{rig.name} {drawings.stem}")
     columns = {"frame": boards.view + 1, "point_id": boards.point}
     columns |= dict(zip(("microlens_k", "microlens_l"), truth.ready.rig.axial[boards.microlens].T, strict=True))
     columns |= dict(zip(("x_px", "y_px"), boards.image_px.T, strict=True))
