@@ -4,14 +4,17 @@ Any number that a reader takes from a stage may be varied, with its consequences
 distance, a step of a radius moves the focus, too.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
+from pipeline.camera.focusing.focus_request import solved
 from pipeline.camera.parts.errors import CameraError
 from pipeline.frames import VISION_FROM_CAMERA
+from pipeline.scene.camera import read_camera
 from pipeline.scene.dataset import Dataset, VariedNumber
 from pipeline.scene.usd.overrides import Overrides, entries, moved_by, name_of, overridden, samples_of, unit_of
 from pipeline.scene.usd.poses import stage_mm_per_unit
@@ -31,6 +34,9 @@ _POSE = (("x", "mm"), ("y", "mm"), ("z", "mm"), ("turn_x", "deg"), ("turn_y", "d
 """Numbers of a pose, with their units: shift along and turn about the axes of what is posed."""
 _COEFFICIENTS = {"plen:evenCoefficients": 2, "plen:oddCoefficients": 3}
 """Powers of the first coefficients of aspheres; those that follow have two more each."""
+_RADIUS_POWERS = (2, 4, 1, 1, 6)
+"""Powers of the radius by which the coefficients of Brown's distortion, k1, k2, p1, p2, k3, scale an image: a step
+scales its corner by `_SHARE`, however narrow the field is."""
 R = TypeVar("R")
 _ALWAYS = Usd.TimeCode.Default()
 
@@ -124,6 +130,15 @@ def _step(attribute: Usd.Attribute, i: int, size: float) -> float:
     name, prim = attribute.GetName(), attribute.GetPrim()
     if name in _COEFFICIENTS:
         return float(_SAG_MM / read(prim, "plen:semiDiameter") ** (_COEFFICIENTS[name] + 2 * i))
+    if name == "plen:camera:distortion":
+        return float(_SHARE / _corner_slope(prim) ** _RADIUS_POWERS[i])
     if name.startswith("xformOp:"):
         return float(_POSE_STEP / (stage_mm_per_unit(prim) if name.startswith("xformOp:translate") else 1.0))
     return max(_SHARE * size, _LEAST) if size else _FROM_ZERO
+
+
+def _corner_slope(camera: Usd.Prim) -> float:
+    """Slope to the axis at which a thin lens sends light to the farthest corner of the image of a camera [1]."""
+    focused = solved(read_camera(camera))
+    reach_mm = focused.microlenses.reach_mm if focused.microlenses else 0.0
+    return math.hypot(*focused.sensor.farthest_corner_mm) / (focused.sensor_distance_mm - reach_mm)

@@ -23,8 +23,10 @@ SETTLED = 1e-3
 """Change of all rows together by the last step, in sigma, or in what the misfit says that sigma is [1]: no number then
 moves by more than that part of its deviation, and the next step would move it by far less."""
 _CREEP = 0.1
-"""Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they are too
-bent to tell [1]."""
+"""Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they bend so
+much within a deviation of the direction that they tell least that it is open [1]."""
+_HARDLY = 1.1
+"""Singular value below which a direction is open from then on, over that of this direction [1]."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
@@ -80,9 +82,10 @@ def solve(
     damping, step, by_step = 0.0, 0, np.zeros(len(by))
     curvature, gradient = np.zeros((len(by), len(by))), np.zeros(len(by))
     residual = problem.residual(by, poses)
+    start, open_below = (by, poses, residual), OPEN
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):
-        linear = Linear(problem.slopes(by, poses, residual), residual, asked)
+        linear = Linear(problem.slopes(by, poses, residual), residual, asked, open_below)
         chi2, count = _cost(residual, linear.is_told, by, asked), 2 * linear.is_told.sum()
         tell(f"step {step}: chi squared {chi2:.6g} of {count} coordinates")
         if step > 1:
@@ -113,11 +116,14 @@ def solve(
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
         if damping and before - after < _CREEP * linear.decrement(by - by_step):
-            ending = "rows hardly tell which way: free less, give tolerances, or leave out boards that face the camera"
-            break
+            tell("rows hardly tell a direction of the numbers: it is left open, and the fit begins anew")
+            open_below = _HARDLY * linear.numbers(1 / asked.deviation).values.min()
+            by, poses, residual = start
+            by_step, curvature, damping = np.zeros(len(by)), np.zeros_like(curvature), 0.0
+            continue
         damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0
     slopes = linear.slopes if converged else problem.slopes(by, poses, residual)
-    return _solution(Linear(slopes, residual, asked), (by, poses, residual), (step, ending, converged))
+    return _solution(Linear(slopes, residual, asked, open_below), (by, poses, residual), (step, ending, converged))
 
 
 def _updated(curvature: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
