@@ -23,7 +23,7 @@ from pipeline.files.jsonfile import Json, json_bytes
 from pipeline.optics.first_order import first_order
 from pipeline.products.camera.make import document
 from pipeline.products.camera.params import CONVENTIONS
-from pipeline.products.camera.plan import labels_of
+from pipeline.products.camera.plan import camera_labels
 from pipeline.results import drawing
 from pipeline.scene.dataset import CameraEntry, LensEntry, TargetEntry
 from pipeline.scene.usd.problems import Problem, blamed_on
@@ -91,7 +91,7 @@ def _shown_camera(entry: CameraEntry, warnings: list[Problem]) -> ShownCamera:
     """A camera of a stage with its camera.json and its field curves for objects in focus."""
     with blamed_on(entry.file, entry.line, entry.prim_path):
         camera = entry.camera
-        content = document(labels_of(entry), camera, pinhole(camera), focused(entry.asked))
+        content = document(camera_labels(entry), camera, pinhole(camera), focused(entry.asked))
         return ShownCamera(entry, warnings, content, camera, field_curves(camera, middle_focus(camera)))
 
 

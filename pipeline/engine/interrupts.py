@@ -24,18 +24,19 @@ class Interrupts:
         self.arrived = self.is_patient = False
         self._may_stop = False
         self._notice = notice
-        self._undo = contextlib.ExitStack()
+        self._restore = contextlib.ExitStack()
 
     def __enter__(self) -> "Interrupts":
         previous = signal.getsignal(signal.SIGINT)
         # Python allows signal handlers in the main thread only.
         if previous is not signal.SIG_IGN and threading.current_thread() is threading.main_thread():
-            self._undo.callback(signal.signal, signal.SIGINT, previous)
+            self._restore.callback(signal.signal, signal.SIGINT, previous)
             signal.signal(signal.SIGINT, self._answer)
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._undo.close()
+        # Nothing is left to restore after the first Ctrl-C.
+        self._restore.close()
 
     @contextlib.contextmanager
     def stopping(self) -> Iterator[None]:
@@ -52,7 +53,7 @@ class Interrupts:
     def _answer(self, number: int, frame: FrameType | None) -> None:
         """Handle the first Ctrl-C: note it, restore the previous handler, and stop work that may be stopped."""
         self.arrived = True
-        self._undo.close()
+        self._restore.close()
         if sys.__stderr__ is not None and sys.__stderr__.isatty():
             os.write(sys.__stderr__.fileno(), _SHOW_CURSOR)  # the next Ctrl-C leaves no time for it
         if self.is_patient:

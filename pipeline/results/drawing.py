@@ -342,10 +342,10 @@ def _draw_scale(sheet: "_Sheet", left: float, right: float, half: float) -> None
         sheet.words(sheet.to_px(tick * step, -half - 18 / sheet.scale), words, 11)
 
 
-def focus_in_words(camera: Camera, form: str = ".1f") -> str:
-    """Distance of the plane in focus, of the middle microlens type."""
+def focus_in_words(camera: Camera, number_format: str = ".1f") -> str:
+    """Distance from the stop to the plane in focus; the median over the types of microlenses."""
     distance_mm = middle_focus(camera)
-    return "infinity" if math.isinf(distance_mm) else f"{distance_mm:{form}} mm before the stop"
+    return "infinity" if math.isinf(distance_mm) else f"{distance_mm:{number_format}} mm before the stop"
 
 
 class _Sheet:

@@ -254,15 +254,18 @@ def check_motions(
             yield not_drawn(prim, message, hint="prims that move by their own xformOps move meanwhile")
 
 
-def _turns_fast(prim: Usd.Prim, camera: Usd.Prim, shutter: Shutter, number: int, unit_mm: float) -> bool:
-    """Whether a prim turns further between two instants at which its pose is read than interpolation can follow."""
+def _turns_fast(prim: Usd.Prim, camera: Usd.Prim, shutter: Shutter, frame: int, unit_mm: float) -> bool:
+    """Whether a rigid prim turns by more than `_MOST_TURN_DEG` between two neighbouring time codes at which its pose
+    is read while the shutter of a frame is open: interpolation cannot follow it.
+    """
     try:
-        _, codes = _nodes(camera, shutter, moved_ops(prim), number)
-    except UnreadableValue:  # told where the motion is read
+        _, codes_of_pieces = _nodes(camera, shutter, moved_ops(prim), frame)
+    except UnreadableValue:  # reported where the motion is read
         return False
+    codes = [code for codes_of_piece in codes_of_pieces for code in codes_of_piece]
     with np.errstate(all="ignore"):  # of what is not finite, which is reported with the values
-        rotations = np.array(world_from(prim, [code for piece in codes for code in piece], unit_mm))[:, :3, :3]
-        rotations = rotations.reshape(len(codes), -1, 3, 3)
+        rotations = np.array(world_from(prim, codes, unit_mm))[:, :3, :3]
+        rotations = rotations.reshape(len(codes_of_pieces), -1, 3, 3)  # by piece and node
         # The trace of the rotation from one instant to the next is 1 + 2 cos of its angle.
         cosine = (np.einsum("pnij,pnij->pn", rotations[:, 1:], rotations[:, :-1]) - 1) / 2
     return bool((cosine < np.cos(np.radians(_MOST_TURN_DEG))).any())

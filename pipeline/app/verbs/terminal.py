@@ -166,7 +166,7 @@ def say(*lines: object) -> None:
 
 
 def flush_output() -> None:
-    """Flush the output; raises as `say`."""
+    """Flush the output; ReaderGone or EnvironmentFault, as `say`."""
     with _writing():
         sys.stdout.flush()
 

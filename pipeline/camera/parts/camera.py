@@ -52,7 +52,7 @@ class Sensor:
     acceptance_roll_off_deg: Annotated[float, "plen:acceptanceRollOff"] = 0.0
 
     def __post_init__(self) -> None:
-        settle(self, CameraError)
+        settle(self, CameraError)  # types, NaN, magnitudes
         if self.acceptance not in ("all", "cosine", "cone"):
             raise CameraError(f'unknown pixel acceptance "{self.acceptance}"', hint="there are all, cosine and cone")
         if not (min(self.acceptance_power, self.acceptance_half_angle_deg) > 0 and self.acceptance_roll_off_deg >= 0):

@@ -66,7 +66,7 @@ def medium(*, glass: str, index: float | None, abbe: float | None, wavelength_nm
         stated = _written(glass) if _is_written(glass) else find(glass)
     except GlassError as error:
         raise _with_neighbours(error, glass, index, abbe) from None
-    _compare(stated, index, abbe, wavelength_nm)
+    _refuse_mismatch(stated, index, abbe, wavelength_nm)
     return stated
 
 
@@ -139,14 +139,18 @@ class Written:
         return n
 
 
-def _compare(entry: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
-    """Raise a GlassError if an entry is not the printed glass."""
+def _refuse_mismatch(entry: Medium, index: float | None, abbe: float | None, wavelength_nm: float) -> None:
+    """Raise a GlassError if an entry has not the printed index or Abbe number; None: nothing is printed."""
     differences = []
-    if index is not None and not abs((actual := entry.index(wavelength_nm)) - index) <= MAX_INDEX_DIFFERENCE:
-        differences.append(
-            f"index {actual:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({actual - index:+.6f})"
-        )
-    if abbe is not None and (vd := entry.vd) is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
+    if index is not None:
+        actual = entry.index(wavelength_nm)
+        if not abs(actual - index) <= MAX_INDEX_DIFFERENCE:  # NaN is refused, too
+            differences.append(
+                f"index {actual:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({actual - index:+.6f})"
+            )
+    vd = entry.vd
+    # Some entries have no Abbe number: they are not defined in all of the visible.
+    if abbe is not None and vd is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
         differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
     if differences:
         error = GlassError(f"{entry.label} has {' and '.join(differences)}", code="glass-mismatch")

@@ -99,11 +99,14 @@ def _kind(path: str | Path) -> str:
 def _from_table(
     path: str | Path, glasses: Glasses, f_number: float | None = None, half_field_deg: float | None = None
 ) -> tuple[str, PrintedLens]:
-    """A lens from a table of the Blender add-on or a plain table, with all semi-diameters known."""
+    """Words that describe a table of the Blender add-on or a plain one, and its lens, with all semi-diameters.
+
+    `f_number` and `half_field_deg` replace those of the file. UnreadableLens where one is out of its range.
+    """
     if is_blender(read_lines(path)):
         description = "a lens table of the Blender add-on"
         lens = read_blender(path)
-        beam = Beam()
+        beam = Beam()  # such a table states none
     else:
         description = "a table"
         lens, beam = read_table(path, glasses)
@@ -113,6 +116,7 @@ def _from_table(
         beam.fields = [0.0, half_field_deg]
     if beam.f_number is not None and not beam.f_number > 0:
         raise UnreadableLens(path, f"the F-number must be above 0, not {beam.f_number:g}")
-    if any(not 0 <= angle < 90 for angle in beam.fields):
-        raise UnreadableLens(path, f"the half field must be at least 0 and below 90 degrees, not {beam.fields[-1]:g}")
-    return description, sized(path, lens, beam, 1.0)
+    for angle in beam.fields:
+        if not 0 <= angle < 90:
+            raise UnreadableLens(path, f"the half field must be at least 0 and below 90 degrees, not {angle:g}")
+    return description, sized(path, lens, beam, unit_mm=1.0)

@@ -15,14 +15,14 @@ def plan_cameras(draft: Draft) -> None:
         pinhole = draft.add(f"pinhole/{entry.name}", Nothing(), reads)
         if entry.windows and entry.channels:
             reads["alone"] = draft.camera(entry, is_alone=True)
-        report = draft.add(f"first_order/{entry.name}", labels_of(entry), {**reads, "pinhole": pinhole})
+        report = draft.add(f"first_order/{entry.name}", camera_labels(entry), {**reads, "pinhole": pinhole})
         for file in ("camera.json", TIMES) if entry.shutter else ("camera.json",):
             draft.files[f"cameras/{entry.name}/{file}"] = (report, file)
 
 
-def labels_of(entry: CameraEntry) -> CameraLabels:
+def camera_labels(entry: CameraEntry) -> CameraLabels:
     """Labels of a camera in camera.json, besides its figures."""
-    asked = entry.asked
+    asked = entry.asked  # the camera itself, or where it is to be focused
     focus = None
     if isinstance(asked, FocusRequest):
         focus = FocusLabels(
@@ -39,6 +39,8 @@ def labels_of(entry: CameraEntry) -> CameraLabels:
         light=light_of(entry),
         focus_request=focus,
         channels=entry.channels,
+        # The number of instants is of images alone.
         shutter=entry.shutter and replace(entry.shutter, instants=1),
+        # Figures of the channels are those of the camera without its windows in the world.
         windows=entry.windows if entry.channels else None,
     )
