@@ -148,8 +148,8 @@ def _refuse_mismatch(entry: Medium, index: float | None, abbe: float | None, wav
             differences.append(
                 f"index {actual:.6f} at {wavelength_nm:.7g} nm, printed is {index:g} ({actual - index:+.6f})"
             )
-    vd = entry.vd
-    # Some entries have no Abbe number: they are not defined in all of the visible.
+    # A formula that is right at the wavelengths of the rays may give no index at those of the Abbe number, or none.
+    vd = None if abbe is None else entry.vd
     if abbe is not None and vd is not None and not abs(vd - abbe) <= MAX_ABBE_DIFFERENCE:
         differences.append(f"Abbe number {vd:.3f}, printed is {abbe:g} ({vd - abbe:+.3f})")
     if differences:
