@@ -10,6 +10,7 @@ smooth over the field, so that it is traced at a few nodes, with cubic splines b
 the axis where the lens is symmetric about it, and in a grid over the sensor otherwise.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -83,6 +84,7 @@ def field_transmission(camera: Camera, losses_of_each: tuple[Losses | None, ...]
     axis_px = tracer.pixels_at(np.zeros((1, 2)))[0]
     drawn_at = round(axis_px[0]), round(axis_px[1])
 
+    @functools.cache  # finer nodes are the coarser ones and those between
     def share(x_px: float, y_px: float) -> float:
         """The mean over all wavelengths, by their signals; NaN where there is no light."""
         total = passed = 0.0
