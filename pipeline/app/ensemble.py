@@ -22,7 +22,7 @@ from pipeline.files.tables import write_table
 from pipeline.results.output import open_output
 from pipeline.results.spread import Figures, figures, rows
 from pipeline.scene.load import require_dataset
-from pipeline.scene.tolerances import DrawnNumber, drawn
+from pipeline.scene.tolerances import DrawnNumber, layer_of_member
 from pipeline.scene.usd.problems import Problem, StageError, shown_path
 from pipeline.scene.usd.roots import allowed_roots, real_path
 
@@ -102,7 +102,7 @@ def ensemble(
     texts = {}
     numbers = {}
     for member, (name, layer) in enumerate(layers.items(), 1):
-        texts[name], numbers[name] = drawn(stage, member, layer)
+        texts[name], numbers[name] = layer_of_member(stage, member, layer)
     if not numbers[names[0]]:
         raise _no_tolerance(stage)
     with chosen_place("write", out):

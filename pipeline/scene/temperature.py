@@ -13,7 +13,7 @@ from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.optics.glass.catalogue import find
 from pipeline.optics.glass.fluids import AIR, VACUUM
 from pipeline.optics.glass.medium import GlassError
-from pipeline.optics.glass.thermal import Thermal, thermal
+from pipeline.optics.glass.thermal import Thermal, thermal_constants
 from pipeline.optics.prescription import Relief, Surface
 from pipeline.scene.usd.problems import Problem, warning
 from pipeline.scene.usd.values import UnreadableValue, need, read, target
@@ -102,7 +102,7 @@ def _thermal(prim: Usd.Prim) -> Thermal:
         if not name:
             hint = "write plen:indexSlope and plen:expansion, or its plen:glass"
             raise GlassError("nothing is known of how a glass without name changes with its temperature", hint=hint)
-        return thermal(find(name).label)
+        return thermal_constants(find(name).label)
     except GlassError as error:
         raise UnreadableValue(error.message, prim.GetAttribute("plen:glass"), error.hint, "unknown-thermal") from None
 

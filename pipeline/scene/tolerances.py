@@ -38,14 +38,14 @@ class Tolerance:
     limit: float
     is_common: bool = False
 
-    def error(self, share: float) -> float:
-        """The error than which a share of all errors is smaller; the share lies between 0 and 1."""
+    def error(self, probability: float) -> float:
+        """The error below which a random one lies with a probability between 0 and 1: the inverse distribution."""
         if self.distribution == "uniform":
-            return self.spread * (2 * share - 1)
+            return self.spread * (2 * probability - 1)
         if self.distribution == "truncated":
             beyond = _NORMAL.cdf(-self.limit)
-            share = beyond + share * (1 - 2 * beyond)
-        return self.spread * _NORMAL.inv_cdf(share)
+            probability = beyond + probability * (1 - 2 * beyond)
+        return self.spread * _NORMAL.inv_cdf(probability)
 
     @property
     def reach(self) -> float | None:
@@ -62,14 +62,16 @@ class DrawnNumber:
     error: float
 
 
-def share(seed: int, member: int, path: str, entry: int) -> float:
-    """The random number, between 0 and 1, of an entry of a property in a member."""
+def random_share(seed: int, member: int, path: str, entry: int) -> float:
+    """The random number, uniform between 0 and 1, of an entry of a property in a member."""
     digest = blake2b(f"{seed} {member} {entry} {path}".encode(), digest_size=8).digest()
     return ((int.from_bytes(digest, "big") >> (64 - _BITS)) + 0.5) / 2**_BITS
 
 
-def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
-    """The text of the layer of a member that will lie at `out` over a stage that passed the checks, and its numbers."""
+def layer_of_member(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
+    """The text of the layer of a member that will lie at `out` over a stage that passed the checks, and the errors
+    drawn.
+    """
     composed, _ = open_stage(stage)
     seed = need(composed.GetDefaultPrim(), "plen:seed")
     values = dict[Sdf.Path, Samples]()
@@ -79,14 +81,15 @@ def drawn(stage: Path, member: int, out: Path) -> tuple[str, list[DrawnNumber]]:
         samples = samples_of(attribute)
         first = next(iter(samples.values()))
         for i in range(len(entries(first))):
-            error = tolerance.error(share(seed, member, str(path), 0 if tolerance.is_common else i))
+            entry = 0 if tolerance.is_common else i
+            error = tolerance.error(random_share(seed, member, str(path), entry))
             numbers.append(DrawnNumber(name_of(path, first, i), unit_of(attribute), error))
             samples = {time: moved_by(value, i, error) if error else value for time, value in samples.items()}
         if tolerance.spread:
             values[path] = samples
     layer = layer_of(composed, values)
     about = f"Member {member} of an ensemble of cameras as built, written by pipeline ensemble."
-    lay_over(stage, layer, out, [about])
+    lay_over(stage, layer, out, [about])  # changes the layer in place
     return text_of(layer), numbers
 
 

@@ -39,6 +39,8 @@ _DIGITS = 10
 """Decimals of the pose of a world-space window before its camera [mm, and 1 for its axes]."""
 _EDGE_ON = 1e-9
 """Least cosine between the axes of a window and its camera [1]."""
+_ANY_TIME_CODE = 0.0
+"""Time code for windows fixed to their camera: they stand before it alike in every frame."""
 _CONDITIONS = (("temperature", (AIR, WATER)), ("pressure", (AIR,)), ("salinity", (WATER,)))
 """Conditions of a medium, and the media whose index depends on them."""
 
@@ -52,13 +54,14 @@ def prescription_of(camera: Usd.Prim) -> Prescription:
 def behind_fixed(camera: Usd.Prim, lens: Prescription) -> Prescription:
     """The prescription behind the windows that are fixed to a camera, and the medium before them."""
     light_nm = need(camera, "plen:camera:wavelength")
-    return _read_windows(camera, fixed_windows(camera), 0.0, (light_nm,)).before(lens, light_nm)
+    fixed = _read_windows(camera, fixed_windows(camera), _ANY_TIME_CODE, (light_nm,))
+    return fixed.before(lens, light_nm)
 
 
-def windows_in_frame(camera: Usd.Prim, number: float, wavelengths_nm: Sequence[float]) -> Windows | None:
+def windows_in_frame(camera: Usd.Prim, time_code: float, wavelengths_nm: Sequence[float]) -> Windows | None:
     """The windows that stand in the world before a camera in a frame; None: there is none."""
     standing = standing_windows(camera)
-    return _read_windows(camera, standing, number, wavelengths_nm) if standing else None
+    return _read_windows(camera, standing, time_code, wavelengths_nm) if standing else None
 
 
 def surfaces_before_sensor(camera: Usd.Prim) -> list[tuple[Usd.Prim, Usd.Prim]]:
@@ -85,8 +88,8 @@ def standing_windows(camera: Usd.Prim) -> tuple[Usd.Prim, ...]:
 
 def _below(camera: Usd.Prim, window: Usd.Prim) -> list[Usd.Prim]:
     """A fixed window and its ancestors below its camera; none for a world-space window."""
-    links = list(ancestry(window))
-    return links[: links.index(camera)] if camera in links else []
+    prims = list(ancestry(window))
+    return prims[: prims.index(camera)] if camera in prims else []
 
 
 @read_once
@@ -131,14 +134,14 @@ def scene_medium(stage: Usd.Stage) -> Medium:
 
 
 def _read_windows(
-    camera: Usd.Prim, prims: Sequence[Usd.Prim], number: float, wavelengths_nm: Sequence[float]
+    camera: Usd.Prim, prims: Sequence[Usd.Prim], time_code: float, wavelengths_nm: Sequence[float]
 ) -> Windows:
     """Windows, given from the lens outwards, as they stand in a frame; UnreadableValue, GlassError."""
     surfaces = list[Surface]()
     groups = list[Group]()
     first_mm = end_mm = 0.0  # first vertex of the outermost window, and last one of the window before
     for prim in reversed(prims):
-        pose = camera_from_window(camera, prim, number)
+        pose = camera_from_window(camera, prim, time_code)
         panes = list(map(read_surface, ordered_surfaces(prim)))
         x_mm, y_mm, z_mm = pose[:3, 3].tolist()
         # The gap to the window before is the thickness of its last surface.
@@ -164,12 +167,12 @@ def _read_windows(
     return Windows(surfaces=tuple(surfaces), groups=tuple(groups), first_mm=first_mm, light=light)
 
 
-def camera_from_window(camera: Usd.Prim, window: Usd.Prim, number: float) -> np.ndarray:
+def camera_from_window(camera: Usd.Prim, window: Usd.Prim, time_code: float) -> np.ndarray:
     """Transform from a window to the frame of a Camera, whose axes are those of its lens, in a frame, (4, 4) [mm]."""
     scale_mm = stage_mm_per_unit(camera)
     if is_fixed(camera, window):
-        return world_from(window, [number], scale_mm, camera)[0]
-    world_from_camera, world_from_window = (world_from(prim, [number], scale_mm)[0] for prim in (camera, window))
+        return world_from(window, [time_code], scale_mm, camera)[0]
+    world_from_camera, world_from_window = (world_from(prim, [time_code], scale_mm)[0] for prim in (camera, window))
     # Rounded, so that a camera and a pane that move together stay one camera.
     return np.round(product(inverse(world_from_camera), world_from_window), _DIGITS) + 0.0
 
@@ -218,49 +221,81 @@ def check_medium(root: Usd.Prim) -> Iterator[Problem]:
 
 
 def check_windows(camera: Usd.Prim) -> Iterator[Problem]:
-    """Problems of the windows of a camera, and of the medium before them."""
-    relationship = camera.GetRelationship(WINDOWS)
-    prims = _windows(camera)
-    if outer := [prim for before, prim in pairwise(prims) if is_fixed(camera, prim) and not is_fixed(camera, before)]:
-        message = f"<{outer[0].GetPath()}> moves with the camera, and is listed behind a window that does not"
-        yield problem(relationship, "window-order", message, hint="windows are listed from the lens outwards")
+    """Problems of the windows of a camera, and of the medium before them.
+
+    In turn: order of the list, motion, settings that world-space windows exclude, overlap on the axis, prescription.
+    Stops at the first that makes the rest meaningless.
+    """
+    if misordered := list(_check_order_of_list(camera)):
+        yield from misordered
         return
-    moving = (moving_op(link) for prim in prims for link in _below(camera, prim))
-    if op := next(filter(None, moving), None):
-        hint = "a window that moves before its camera stands elsewhere in the scene, not below the camera"
-        yield problem(op, "moving-window", "a window below a camera is fixed to it, and this one moves", hint=hint)
-    for name, value in ("plen:truth:method", "direct"), ("plen:truth:rays", False):
-        if standing_windows(camera) and read(camera, name) != value:
-            message = "position images hold for a camera, and not for what stands before it in a frame"
-            hint = f"write {name} = {json.dumps(value)}, or move the windows below the camera"
-            yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint=hint)
-    if standing_windows(camera) and read(camera, "plen:shutter:scanOrder") not in (None, "none"):
-        message = "a camera that moves while its shutter is open looks through windows that move along with it"
-        hint = "in each frame they stand before it as at its time code"
-        yield warning(relationship, "still-window", message, hint=hint)
-    if any(not panes or any(read(pane, "plen:isStop") for pane in panes) for panes in map(ordered_surfaces, prims)):
+    yield from _check_motion(camera)
+    if standing_windows(camera):
+        yield from _check_settings_with_standing(camera)
+    panes_of_windows = map(ordered_surfaces, _windows(camera))
+    if any(not panes or any(read(pane, "plen:isStop") for pane in panes) for panes in panes_of_windows):
         return  # reported where the window is checked
-    # Find windows out of order, then whatever the prescription behind them refuses.
     lens = target(camera, "plen:camera:lens", "PlenLens")
     wavelength_nm = read(camera, "plen:camera:wavelength")
     if not lens or wavelength_nm is None:
-        return
+        return  # reported where the camera is checked
     try:
-        prescription = read_prescription(lens, wavelength_nm)
-        if disorder := _disorder(camera, fixed_windows(camera), prescription.vertices_from_stop_mm[0], 0.0):
-            yield problem(relationship, "window-order", disorder, hint=_ORDER_HINT)
-            return
-        has_index = scene_medium(camera.GetStage()) != fluid(AIR)
+        front_mm = read_prescription(lens, wavelength_nm).vertices_from_stop_mm[0]
+        disorder = _disorder(camera, fixed_windows(camera), front_mm=front_mm, time_code=_ANY_TIME_CODE)
     except PipelineError:
-        return  # reported where the lens, the window or the medium is checked
+        return  # reported where the lens or the window is checked
+    if disorder:
+        yield problem(camera.GetRelationship(WINDOWS), "window-order", disorder, hint=_ORDER_HINT)
+        return
+    yield from _check_prescription(camera)
+
+
+def _check_order_of_list(camera: Usd.Prim) -> Iterator[Problem]:
+    """A window that is fixed to its camera, but listed behind one that stands in the world."""
+    fixed_behind_standing = (
+        outer for inner, outer in pairwise(_windows(camera)) if is_fixed(camera, outer) and not is_fixed(camera, inner)
+    )
+    if window := next(fixed_behind_standing, None):
+        message = f"<{window.GetPath()}> moves with the camera, and is listed behind a window that does not"
+        hint = "windows are listed from the lens outwards"
+        yield problem(camera.GetRelationship(WINDOWS), "window-order", message, hint=hint)
+
+
+def _check_motion(camera: Usd.Prim) -> Iterator[Problem]:
+    """A window below a camera that moves against it."""
+    prims_below_camera = (prim for window in _windows(camera) for prim in _below(camera, window))
+    if op := next(filter(None, map(moving_op, prims_below_camera)), None):
+        hint = "a window that moves before its camera stands elsewhere in the scene, not below the camera"
+        yield problem(op, "moving-window", "a window below a camera is fixed to it, and this one moves", hint=hint)
+
+
+def _check_settings_with_standing(camera: Usd.Prim) -> Iterator[Problem]:
+    """Settings of a camera that windows in the world exclude, or change the meaning of."""
+    # Position images, and the bundles of plen:truth:rays with them, are made once for a camera and serve all frames.
+    for name, value in ("plen:truth:method", "direct"), ("plen:truth:rays", False):
+        if read(camera, name) != value:
+            message = "position images hold for a camera, and not for what stands before it in a frame"
+            hint = f"write {name} = {json.dumps(value)}, or move the windows below the camera"
+            yield problem(camera.GetAttribute(name), "not-yet-supported", message, hint=hint)
+    if read(camera, "plen:shutter:scanOrder") not in (None, "none"):
+        message = "a camera that moves while its shutter is open looks through windows that move along with it"
+        hint = "in each frame they stand before it as at its time code"
+        yield warning(camera.GetRelationship(WINDOWS), "still-window", message, hint=hint)
+
+
+def _check_prescription(camera: Usd.Prim) -> Iterator[Problem]:
+    """Whatever the prescription of a camera refuses behind its fixed windows, or in the medium of the scene."""
+    windows = _windows(camera)
     try:
-        if prims or has_index:
+        is_scene_in_a_medium = scene_medium(camera.GetStage()) != fluid(AIR)
+        if windows or is_scene_in_a_medium:  # otherwise it is the lens's own, which is checked there
             prescription_of(camera)
     except PrescriptionError as error:
         hint = error.hint or "a window with air behind it comes between"
-        yield problem(relationship if prims else camera, error.code or "window", error.message, hint=hint)
+        at = camera.GetRelationship(WINDOWS) if windows else camera
+        yield problem(at, error.code or "window", error.message, hint=hint)
     except PipelineError:
-        return  # reported where the window is checked
+        return  # reported where the window or the medium is checked
 
 
 def check_unnamed_windows(prims: Sequence[Usd.Prim], cameras: Sequence[Usd.Prim]) -> Iterator[Problem]:
@@ -273,7 +308,7 @@ def check_unnamed_windows(prims: Sequence[Usd.Prim], cameras: Sequence[Usd.Prim]
             yield warning(prim, "unused-window", message, hint=hint)
 
 
-def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, number: float) -> str | None:
+def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, time_code: float) -> str | None:
     """Fault of the first window, from the lens outwards, that overlaps the part behind it or faces away, in words.
 
     `front_mm`: z of the front of the lens. Windows are where planes through their vertices cross its axis.
@@ -281,7 +316,7 @@ def _disorder(camera: Usd.Prim, windows: Sequence[Usd.Prim], front_mm: float, nu
     part_behind = "what follows it"
     begins_mm = front_mm
     for window in windows:
-        pose = camera_from_window(camera, window, number)
+        pose = camera_from_window(camera, window, time_code)
         normal, vertex_mm = pose[:3, 2], pose[:3, 3]
         if normal[2] < _EDGE_ON:
             return f"<{window.GetPath()}> turns its back, or its edge, to the camera"
@@ -314,17 +349,17 @@ def check_standing(
         front_mm = prescription_of(camera).vertices_from_stop_mm[0]
     except PipelineError:
         return  # reported where the camera is checked
-    for number in frames:
-        if message := _disorder(camera, standing_windows(camera), front_mm, number):
-            at = f"at time code {number} {message}"
+    for time_code in frames:
+        if message := _disorder(camera, standing_windows(camera), front_mm=front_mm, time_code=time_code):
+            at = f"at time code {time_code} {message}"
             yield problem(camera.GetRelationship(WINDOWS), "window-order", at, hint=_ORDER_HINT)
             return
         for window in standing_windows(camera):
-            window_from_world = inverse(world_from(window, [number], scale_mm)[0])
+            window_from_world = inverse(world_from(window, [time_code], scale_mm)[0])
             for board, corners in zip(boards, shapes, strict=True):
-                window_from_board = product(window_from_world, world_from(board, [number], scale_mm)[0])
+                window_from_board = product(window_from_world, world_from(board, [time_code], scale_mm)[0])
                 if (corners @ window_from_board[2, :3] + window_from_board[2, 3]).max() >= 0:
-                    message = f'"{board.GetName()}" is not wholly before <{window.GetPath()}> at time code {number}'
+                    message = f'"{board.GetName()}" is not wholly before <{window.GetPath()}> at time code {time_code}'
                     hint = f"<{camera.GetPath()}> sees what stands beyond its windows alone, on their -Z side"
                     yield problem(board, "behind-window", message, hint=hint)
                     return

@@ -23,7 +23,7 @@ from pipeline.engine.running.result import Result
 from pipeline.errors import UsageError
 from pipeline.results.spread import figures, rows
 from pipeline.scene.load import load
-from pipeline.scene.tolerances import Tolerance, drawn, share
+from pipeline.scene.tolerances import Tolerance, layer_of_member, random_share
 from pipeline.scene.usd.problems import StageError
 
 LENS = "/TinyConventional/Rig/Lens"
@@ -47,7 +47,7 @@ def stage(folder: Path, *tolerances: str) -> Path:
 def member(path: Path, number: int) -> tuple[Path, dict[str, float]]:
     """The layer of a member, and its errors by name."""
     place = path.with_name(f"member_{number}.usda")
-    text, numbers = drawn(path, number, place)
+    text, numbers = layer_of_member(path, number, place)
     place.write_text(text, encoding="utf-8")
     return place, {number.name: number.error for number in numbers}
 
@@ -104,9 +104,9 @@ def test_errors_follow_their_distribution(distribution, expected):
     """Over members, over entries and over seeds, by the test of Kolmogorov and Smirnov."""
     of = Tolerance(distribution, 0.3, 1.5)
     for shares in (
-        [share(7, number, f"{LENS}/S1.plen:radius", 0) for number in range(MANY)],
-        [share(7, 1, f"{LENS}/S1.plen:radius", number) for number in range(MANY)],
-        [share(number, 1, f"{LENS}/S1.plen:radius", 0) for number in range(MANY)],
+        [random_share(7, number, f"{LENS}/S1.plen:radius", 0) for number in range(MANY)],
+        [random_share(7, 1, f"{LENS}/S1.plen:radius", number) for number in range(MANY)],
+        [random_share(number, 1, f"{LENS}/S1.plen:radius", 0) for number in range(MANY)],
     ):
         errors = np.array([of.error(value) for value in shares])
         assert stats.kstest(errors, expected.cdf).pvalue > 1e-3

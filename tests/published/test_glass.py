@@ -14,7 +14,7 @@ from tolerances import CODEV_INDEX, PRINTED_5_INDEX, PRINTED_ABBE, STATED_INDEX
 
 from pipeline.optics.glass.catalogue import catalogue, find
 from pipeline.optics.glass.fluids import vacuum_index_of_air
-from pipeline.optics.glass.thermal import thermal
+from pipeline.optics.glass.thermal import thermal_constants
 
 LISTING = json.loads((Path(__file__).parent / "codev_double_gauss.json").read_text(encoding="utf-8"))
 
@@ -63,7 +63,7 @@ def test_indices_are_those_of_a_commercial_program(name: str) -> None:
 )
 def test_n_bk7_changes_with_its_temperature_as_its_data_sheet_prints(from_c, to_c, relative, absolute) -> None:
     """Schott, data sheet N-BK7 of 2014: 1e-6 / K in air and in vacuum, at 1060 nm and the lines e and g, in tenths."""
-    glass, of = find("schott:N-BK7"), thermal("schott:N-BK7")
+    glass, of = find("schott:N-BK7"), thermal_constants("schott:N-BK7")
     for wavelength_um, in_air, in_vacuum in zip((1.06, 0.546074, 0.4358343), relative, absolute, strict=True):
         before, after = (
             of.index(glass.dispersion.index(wavelength_um), wavelength_um, 20.0, c) for c in (from_c, to_c)

@@ -12,7 +12,7 @@ from stage_text import tiny_text
 
 from pipeline.optics.first_order import first_order
 from pipeline.scene.load import load
-from pipeline.scene.tolerances import drawn
+from pipeline.scene.tolerances import layer_of_member
 
 MEMBERS = 8
 LENS = "/TinyConventional/Rig/Lens"
@@ -33,7 +33,7 @@ def test_optiland_finds_the_same_lenses_for_the_same_errors(tmp_path: Path) -> N
     layers = [tmp_path / f"member_{number}.usda" for number in range(1, MEMBERS + 1)]
     errors = list[dict[str, float]]()
     for number, layer in enumerate(layers, 1):
-        text, numbers = drawn(stage, number, layer)
+        text, numbers = layer_of_member(stage, number, layer)
         layer.write_text(text, encoding="utf-8")
         errors.append({of.name: of.error for of in numbers})
     nominal = load(stage).cameras[0].asked.prescription

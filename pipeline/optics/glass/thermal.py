@@ -46,7 +46,7 @@ class Thermal:
         return (index**2 - 1) / (2 * index) * (d0 * warmer + d1 * warmer**2 + d2 * warmer**3 + resonant)
 
 
-def thermal(label: str) -> Thermal:
+def thermal_constants(label: str) -> Thermal:
     """Thermal constants of a glass of the catalogue, by `vendor:name`; GlassError if the table lacks them."""
     row = _rows().get(label)
     if row is None:

@@ -251,7 +251,7 @@ class SeenCamera:
 
 
 def lay_over(stage: Path, layer: Sdf.Layer, out: Path, about: Iterable[str]) -> None:
-    """Let a layer that will lie at `out` stand on a stage, and say in paragraphs what it is."""
+    """Change a layer that will lie at `out` in place: let it stand on a stage, and say in paragraphs what it is."""
     below = Sdf.Layer.FindOrOpen(str(stage))
     below_out = os.path.relpath(stage.resolve(), out.resolve().parent).replace(os.sep, "/")
     layer.subLayerPaths = [below_out if below_out.startswith(".") else f"./{below_out}"]
