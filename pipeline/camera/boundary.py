@@ -3,8 +3,8 @@
 Pupils, image circles, quadrature over bundles, micro-images and their contours all need the boundary of a region that
 light fills. Each brings its own predicate and takes the rest from here: bracketing (the outer bound moves outwards
 until it is dark) and bisection; an interior point; corners, where the blocking aperture changes; directions between
-corners and the angle that each represents. All directions are searched side by side, so that a predicate receives whole
-arrays of rays.
+corners and the weight of each in an integral over the angle. All directions are searched side by side, so that a
+predicate receives whole arrays of rays.
 
 One search is of another kind, and says why: `camera.integrating.edge_search`.
 """
@@ -166,11 +166,11 @@ def between(corners: Float64[np.ndarray, "c"], count: int) -> tuple[np.ndarray, 
 
 
 class Directions(NamedTuple):
-    """Directions of a quadrature: row of the region (m,), ascending; angle, and the angle that it represents [rad]."""
+    """Directions of a quadrature: row of the region (m,), ascending; angle, and weight in an integral over it [rad]."""
 
     owner: np.ndarray
     angle: np.ndarray
-    share: np.ndarray
+    angular_weight: np.ndarray
 
 
 def directions(
@@ -205,6 +205,6 @@ def directions(
         parts.append((np.repeat(owner[arcs], count), angle, (length[arcs, None] * weight).ravel()))
     # Sort all directions by region.
     owner, angle = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-    share = np.concatenate([np.broadcast_to(part[2], part[0].shape) for part in parts])
+    angular_weight = np.concatenate([np.broadcast_to(part[2], part[0].shape) for part in parts])
     order = np.argsort(owner, kind="stable")
-    return Directions(owner[order], angle[order], share[order])
+    return Directions(owner[order], angle[order], angular_weight[order])

@@ -13,7 +13,14 @@ import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.parts.polygon import MAX_VERTICES
-from pipeline.camera.tracing.bundle_kernels import SHARE, Shots, aim_shots, bound_bundle, draw_bundle, reach_of
+from pipeline.camera.tracing.bundle_kernels import (
+    SAMPLES_OF_REPLICA,
+    Shots,
+    aim_shots,
+    bound_bundle,
+    draw_bundle,
+    reach_of,
+)
 from pipeline.camera.tracing.moments import accumulate, clear, cross_packet, finish, set_pivot
 from pipeline.camera.tracing.packets import Aims, Anchor, aim_into, region_drift, send_packet
 from pipeline.camera.tracing.records import CameraArrays, Diffraction, Samples, SensorPoints, Squares, Starts
@@ -43,7 +50,7 @@ def sum_bundles(camera, planes, samples, starts, moments):
         cuda.local.array(MAX_VERTICES, np.float64),
     )
     rays, scratch = cuda.local.array((10, 1), np.float64), cuda.local.array((SCRATCH, 1), np.float64)
-    of_share = cuda.local.array((6, SHARE), np.float64)  # coordinates of crossings, weights and flags
+    of_samples = cuda.local.array((6, SAMPLES_OF_REPLICA), np.float64)  # coordinates of crossings, weights and flags
     sums, total = cuda.local.array((REPLICAS, 5), np.float64), cuda.local.array(10, np.float64)
     pivot = cuda.local.array(4, np.float64)
     n = cuda.grid(1)
@@ -59,10 +66,10 @@ def sum_bundles(camera, planes, samples, starts, moments):
     started = False
     anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
     count = samples.bits.shape[1]
-    crossing, weight, alive = of_share[:4], of_share[4], of_share[5]
+    crossing, weight, alive = of_samples[:4], of_samples[4], of_samples[5]
     clear(sums, total)
-    for first in range(0, count, SHARE):
-        size = min(SHARE, count - first)
+    for first in range(0, count, SAMPLES_OF_REPLICA):
+        size = min(SAMPLES_OF_REPLICA, count - first)
         for r in range(REPLICAS):
             for i in range(size):
                 draw_bundle(samples, starts, n, r, first + i, aims)

@@ -76,16 +76,22 @@ UPRIGHT = Film()
 
 
 def displacements(prescription: Prescription) -> list[np.ndarray | None]:
-    """Displacement of every surface, (4, 4) [mm]; None for a centred one.
+    """Rigid motion of every surface from its centred position, (4, 4) [mm]; None for a centred one.
 
-    The surface moves first, then its group: the displacement of a surface counts in the axes of its group.
+    Lens frame with its origin at the centre of the stop, z towards the sensor. The surface moves first, then its
+    group: the displacement of a surface counts in the axes of its group. No surface is in two groups.
     """
-    vertices = prescription.vertices_from_stop_mm
-    motions = [motion(s.decentre_mm, s.tilt_deg, z) for s, z in zip(prescription.surfaces, vertices, strict=True)]
+    vertices_mm = prescription.vertices_from_stop_mm
+    motions = [
+        motion(surface.decentre_mm, surface.tilt_deg, pivot_mm=vertex_mm)
+        for surface, vertex_mm in zip(prescription.surfaces, vertices_mm, strict=True)
+    ]
     for group in prescription.groups:
-        pivot_mm = vertices[group.first] + group.pivot_mm
+        pivot_mm = vertices_mm[group.first] + group.pivot_mm
         group_motion = motion(group.decentre_mm, group.tilt_deg, pivot_mm, group.roll_deg)
-        for i in group.members if group_motion is not None else ():
+        if group_motion is None:
+            continue
+        for i in group.members:
             surface_motion = motions[i]
             motions[i] = group_motion if surface_motion is None else group_motion @ surface_motion
     return motions

@@ -15,15 +15,15 @@ def spread(moments: Float64[np.ndarray, "n COLUMNS ..."]) -> np.ndarray:
 
 
 def deviations(
-    covariance: Float64[np.ndarray, "n 4 4"], share: Float64[np.ndarray, "n"]
+    covariance: Float64[np.ndarray, "n 4 4"], parameter: Float64[np.ndarray, "n"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cov(u, u) and Cov(u, v), (n, 2, 2) [mm^2], of bundles at the distance of a target plane, ignoring its tilt.
 
-    With delta_n and delta_f the deviations at the near and far plane and t the share of
-    `position_image.crossing_share`, u = (1 - t) delta_n + t delta_f is the deviation at the target and v = delta_f -
-    delta_n that of the direction.
+    With delta_n and delta_f the deviations at the near and far plane and t the parameter from
+    `position_image.parameter_on_target`, u = (1 - t) delta_n + t delta_f is the deviation at the target and v = delta_f
+    - delta_n that of the direction.
     """
-    t = share[:, None, None]
+    t = parameter[:, None, None]
     nn, nf, ff = covariance[:, :2, :2], covariance[:, :2, 2:], covariance[:, 2:, 2:]
     fn = nf.transpose(0, 2, 1)
     uu = (1 - t) ** 2 * nn + t * (1 - t) * (nf + fn) + t**2 * ff
@@ -41,9 +41,11 @@ def on_plane(
     `direction` is that of the mean ray, of any length.
     """
     axes, normal = vision_from_target[:3, :2], vision_from_target[:3, 2]
-    along = np.einsum("ni,i->n", direction, normal)  # not by BLAS, as in `crossing_share`
+    normal_length = np.einsum("ni,i->n", direction, normal)  # not by BLAS, as in `parameter_on_target`
     # Rows e_i of P = I - w n^T / (n . w), restricted to the x and y components of u.
-    project = axes.T[None, :, :2] - (direction @ axes)[:, :, None] * normal[None, None, :2] / along[:, None, None]
+    project = (
+        axes.T[None, :, :2] - (direction @ axes)[:, :, None] * normal[None, None, :2] / normal_length[:, None, None]
+    )
     # Contiguous, so that a row is rounded alike alone and in an array.
     project = np.ascontiguousarray(project)
     uu = np.ascontiguousarray(uu)

@@ -142,8 +142,12 @@ def _by_random_rays(rig: Rig, rows: Rows, claim_px: float) -> Differences:
 class _RandomRays:
     """Newton's method with random rays for rows of a table, from where the table puts them; NaN without light.
 
+    `lit`: indices of the rows with a Jacobian, ascending. `inverse`: inverse Jacobian of J where the table puts each
+    row, (n, 2, 2) [px per mm]; it stays the same from step to step.
     `apart_px`: shift of each row so far, and `sigma_px` its standard error, (n, 2) each.
     `rays`: number of rays of the last integral of each row, and `freedom` the degrees of freedom of its error, (n,).
+    `_error_mm`: standard error of the mean hit in the last integral, (n, 2), and `_error_before_mm` that with the
+    number of rays before; NaN: there was none.
     """
 
     def __init__(self, rig: Rig, rows: Rows) -> None:
@@ -157,7 +161,7 @@ class _RandomRays:
         self.rays = np.zeros(n, int)
         self.freedom = np.full(n, REPLICAS - 1.0)
         self._error_mm = np.full((n, 2), np.nan)
-        self._coarser_mm = np.full((n, 2), np.nan)
+        self._error_before_mm = np.full((n, 2), np.nan)
 
     @property
     def differences(self) -> Differences:
@@ -170,7 +174,7 @@ class _RandomRays:
         for rays in JUDGES_RAYS:
             # Solve with this number of rays; their error is pooled with that of the number before.
             self.rays[doubtful] = rays
-            self._coarser_mm[doubtful] = self._error_mm[doubtful]
+            self._error_before_mm[doubtful] = self._error_mm[doubtful]
             for _ in range(_STEPS):
                 step, self.sigma_px[doubtful] = self._step(doubtful, rays)
                 self.apart_px[doubtful] += step
@@ -192,7 +196,7 @@ class _RandomRays:
         is_doubtful = ~self.differences.is_decisive(claim_px) & with_batches.is_decisive(claim_px)
         is_doubtful |= self.differences.chance(claim_px) < _SUSPECT
         # Take the mean step of all batches, each of as many rays as the row had last; errors add in squares.
-        self._coarser_mm[:] = np.nan
+        self._error_before_mm[:] = np.nan
         for rays in np.unique(self.rays[is_doubtful]).tolist():
             rows = np.flatnonzero(is_doubtful & (self.rays == rays))
             step, error = np.stack([self._step(rows, rays, stream) for stream in range(1, _BATCHES + 1)], axis=1)
@@ -212,7 +216,7 @@ class _RandomRays:
 
         integral = over_exposure(self.rows.planes.only(rows), integrate)
         self._error_mm[rows] = integral.error_mm
-        sigma = errors_px(self.inverse[rows], pooled(integral, self._coarser_mm[rows]))
+        sigma = errors_px(self.inverse[rows], pooled(integral, self._error_before_mm[rows]))
         return -np.einsum("nij,nj->ni", self.inverse[rows], mean_hit(integral.moments)), sigma
 
 

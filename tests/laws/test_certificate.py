@@ -170,16 +170,18 @@ class Synthetic(judging._RandomRays):
     def __init__(self, true_px: np.ndarray, rows: Rows, seed: int, blunt_px: float) -> None:
         self.rows, self.lit, self.random, n = rows, np.arange(len(rows.cell)), np.random.default_rng(seed), len(true_px)
         self.true_px, self.apart_px, self.sigma_px = true_px, np.zeros((n, 2)), np.full((n, 2), np.nan)
-        self.rays, self.freedom, self._coarser_mm = np.zeros(n, int), np.full(n, 3.0), np.full((n, 2), np.nan)
-        self._error_mm = self._coarser_mm.copy()
+        self.rays, self.freedom, self._error_before_mm = np.zeros(n, int), np.full(n, 3.0), np.full((n, 2), np.nan)
+        self._error_mm = self._error_before_mm.copy()
         # From row to row blunt or sharp, and along one line or in all directions.
         self.blunt_px = blunt_px * 10 ** self.random.normal(0.0, 0.5, (n, 1)) * self.random.uniform(0.0, 1.0, (n, 2))
 
     def _step(self, here: np.ndarray, rays: int, stream: int = 0) -> tuple[np.ndarray, np.ndarray]:
         each = self.blunt_px[here] * (rays / (1 << 14)) ** -0.75 * self.random.normal(size=(4, len(here), 2))
         error = each.std(axis=0, ddof=1) / 2
-        known = ~np.isnan(self._coarser_mm[here])
-        pooled = np.where(known, np.sqrt((error**2 + np.where(known, self._coarser_mm[here], 0) ** 2 / 4) / 2), error)
+        known = ~np.isnan(self._error_before_mm[here])
+        pooled = np.where(
+            known, np.sqrt((error**2 + np.where(known, self._error_before_mm[here], 0) ** 2 / 4) / 2), error
+        )
         self._error_mm[here] = error
         return self.true_px[here] + each.mean(axis=0) - self.apart_px[here], pooled
 

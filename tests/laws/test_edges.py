@@ -114,7 +114,7 @@ def test_light_beyond_a_border_that_is_drawn_too_near_hands_over_to_random_rays(
 
     def too_near(polygons, counts, centres, spokes, side) -> None:
         reach(polygons, counts, centres, spokes, side)
-        spokes.limit[spokes.angle % (2 * np.pi) < np.pi / 3] *= 0.5
+        spokes.polygon_radius[spokes.angle % (2 * np.pi) < np.pi / 3] *= 0.5
 
     monkeypatch.setattr(edge_search, "reach", too_near)
     n = len(CORNERS_PX)

@@ -25,7 +25,7 @@ from pipeline.frames import rigid
 from pipeline.optics.first_order import first_order
 from pipeline.targets.patterns.checkerboard import Checkerboard
 from pipeline.truth import blur
-from pipeline.truth.grid.position_image import crossing_share, in_pixels, jacobian, on_target
+from pipeline.truth.grid.position_image import in_pixels, jacobian, on_target, parameter_on_target
 from pipeline.truth.grid.ray_grid import RayGrid, matrix_4
 from pipeline.truth.rows import Correspondences
 
@@ -87,15 +87,15 @@ def test_the_covariance_of_hits_is_that_of_the_rays_projected(axes: str) -> None
     """Rays in mirrored pairs hit the plane and are mapped to the image singly: their covariance is approached with the
     square of their distances, relative to itself."""
     pose, deviations = turned(*OBLIQUE[axes]), np.random.default_rng(3).normal(0, 0.3, (6, 4))
-    share, _, way = crossing_share(MEAN_RAY[None, :2], MEAN_RAY[None, 2:], NEAR_MM, FAR_MM, pose)
+    t, _, direction = parameter_on_target(MEAN_RAY[None, :2], MEAN_RAY[None, 2:], NEAR_MM, FAR_MM, pose)
     left = []
     for scale in (0.5, 0.25):
         scattered = scale * np.concatenate([deviations, -deviations])
         rays = MEAN_RAY + scattered
         hits = on_target(rays[:, :2], rays[:, 2:], NEAR_MM, FAR_MM, pose) @ np.linalg.inv(SHEARED).T
         triangle = (scattered.T @ scattered / len(scattered))[np.triu_indices(4)]
-        uu, _ = blur.deviations(matrix_4(triangle[None]), share)
-        found = blur.in_image(blur.on_plane(uu, way, pose), SHEARED[None])[0]
+        uu, _ = blur.deviations(matrix_4(triangle[None]), t)
+        found = blur.in_image(blur.on_plane(uu, direction, pose), SHEARED[None])[0]
         left.append(np.abs(np.cov(hits.T, bias=True) - found).max() / np.abs(found).max())
     assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=5 * ORDER)
 

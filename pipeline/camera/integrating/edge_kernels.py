@@ -34,7 +34,7 @@ class Spans(NamedTuple):
     centres: np.ndarray  # (n, 2) float64, interior points [mm]
     owner: np.ndarray  # (m,) int64, sensor position of each, ascending
     along: np.ndarray  # (m, 2) float64, unit vector of its direction
-    share: np.ndarray  # (m,) float64, angle that it represents [rad]
+    angular_weight: np.ndarray  # (m,) float64, weight of the direction in an integral over the angle [rad]
     # (m, pieces) float64, pieces of the radius [mm]
     start: np.ndarray
     length: np.ndarray
@@ -76,7 +76,8 @@ def bounds(camera, positions, microlens, polygons, counts, free):
         x, y = positions[n]
         if microlens[n] >= 0:
             free[n] = free_weight(camera, microlens[n], x, y, polygon)
-        region_fan = bound(camera, microlens[n], x, y, 0.0, region)
+        slack = 0.0  # rays start at the position itself
+        region_fan = bound(camera, microlens[n], x, y, slack, region)
         if region_fan.area > 0.0:
             counts[n] = region_fan.vertices
             for i in range(region_fan.vertices):
@@ -118,27 +119,27 @@ def probe(camera, positions, microlens, owner, points, is_named, label):
 
 
 @kernel
-def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pass):
+def integrate(camera, planes, positions, microlens, spans, rule, moments, all_pass):
     """Sum moments on two planes (n, 2, 4, 3) of each position over quadrature nodes; returns the number of nodes.
 
     Sums do not depend on the other rays of a packet: rays of one position follow each other from its first on.
-    `rule`: along each piece of a radius.
+    `spans`, `rule`: the radii, and the rule along each of their pieces.
     `moments`, `all_pass`: (n, COLUMNS), (n,), written where a position has nodes, except the free weight; whether all
     nodes pass.
     """
     # Lay out the nodes of all radii.
-    limit = rays.start.size * rule.node.shape[0]
-    owner = np.empty(limit, np.int64)
-    points = np.empty((limit, 2))
-    area = np.empty(limit)
-    count = _lay_nodes(rays, rule, owner, points, area)
+    most_nodes = spans.start.size * rule.node.shape[0]
+    owner = np.empty(most_nodes, np.int64)
+    points = np.empty((most_nodes, 2))
+    area = np.empty(most_nodes)
+    count = _lay_nodes(spans, rule, owner, points, area)
     owner, points, area = owner[:count], points[:count], area[:count]
     packet = new_packet()
     start = SensorPoints(np.empty(PACKET), np.empty(PACKET))
     alive, weight = packet.alive, packet.weight
     crossing = np.empty((4, PACKET))
     sums, total, pivot = np.zeros((REPLICAS, 5)), np.zeros(10), np.zeros(4)
-    started = False
+    has_pivot = False
     first = 0
     while first < owner.shape[0]:
         # Trace a packet of complete runs, each the rays of one position.
@@ -153,39 +154,40 @@ def integrate(camera, planes, positions, microlens, rays, rule, moments, all_pas
             end = begin + _run(owner[part], begin)
             if k == 0 or owner[k - 1] != n:
                 clear(sums, total)
-                started, all_pass[n] = False, True
+                has_pivot, all_pass[n] = False, True
             for i in range(begin, end):
                 weight[i] *= area[first + i]
                 if not alive[i] > 0.0:
                     all_pass[n] = False
             cross_packet(planes[n, 0], planes[n, 1], packet, begin, end, crossing)
-            started = started or set_pivot(crossing, alive, begin, end, pivot)
-            if started:
+            has_pivot = has_pivot or set_pivot(crossing, alive, begin, end, pivot)
+            if has_pivot:
                 accumulate(crossing, weight, alive, begin, end, pivot, sums[0], total)
             next_ray = first + end
-            if started and (next_ray == owner.shape[0] or owner[next_ray] != n):
-                finish(sums, total, pivot, 1.0, moments[n])
+            if has_pivot and (next_ray == owner.shape[0] or owner[next_ray] != n):
+                sample_area = 1.0  # weights hold the areas of the nodes
+                finish(sums, total, pivot, sample_area, moments[n])
             begin = end
         first += size
     return count
 
 
 @inline
-def _lay_nodes(rays, rule, owner, points, area):
+def _lay_nodes(spans, rule, owner, points, area):
     """Lay out nodes along all radii, each with its area r dr dphi [mm^2]; returns their number: pieces may be empty."""
     count = 0
-    for d in range(rays.owner.shape[0]):
-        n, cx, cy = rays.owner[d], rays.along[d, 0], rays.along[d, 1]
-        for k in range(rays.start.shape[1]):
-            start, length = rays.start[d, k], rays.length[d, k]
-            width = length * rays.share[d]
+    for d in range(spans.owner.shape[0]):
+        n, ux, uy = spans.owner[d], spans.along[d, 0], spans.along[d, 1]
+        for k in range(spans.start.shape[1]):
+            start, length = spans.start[d, k], spans.length[d, k]
+            dr_dphi = length * spans.angular_weight[d]
             for j in range(rule.node.shape[0]):
                 r = start + length * rule.node[j]
-                node_area = r * (width * rule.weight[j])
+                node_area = r * (dr_dphi * rule.weight[j])
                 if node_area > 0.0:
                     owner[count], area[count] = n, node_area
-                    points[count, 0] = rays.centres[n, 0] + r * cx
-                    points[count, 1] = rays.centres[n, 1] + r * cy
+                    points[count, 0] = spans.centres[n, 0] + r * ux
+                    points[count, 1] = spans.centres[n, 1] + r * uy
                     count += 1
     return count
 

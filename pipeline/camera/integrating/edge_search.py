@@ -165,7 +165,7 @@ class Spokes(NamedTuple):
 
     owner: np.ndarray  # (m,) int64, the bundle of each, ascending
     angle: np.ndarray  # (m,) float64, direction [rad]
-    limit: np.ndarray  # (m,) float64, radius of the bounding polygon, from `reach` [mm]
+    polygon_radius: np.ndarray  # (m,) float64, radius of the bounding polygon, from `reach` [mm]
     along: np.ndarray  # (2, m) float64, cosine and sine of the angle, from `reach`
 
 
@@ -175,7 +175,7 @@ def reach(polygons, counts, centres, spokes, side):
 
     Edges of zero length are skipped: rounding gives them any direction, also one across the polygon.
     """
-    owner, angle, limit, along = spokes
+    owner, angle, polygon_radius, along = spokes
     kept = np.full((3, _KEPT_ANGLES), np.nan)
     first = 0
     while first < owner.shape[0]:
@@ -183,7 +183,7 @@ def reach(polygons, counts, centres, spokes, side):
         n, end = owner[first], first
         while end < owner.shape[0] and owner[end] == n:
             _direction(angle, end, end - first, kept, along)
-            limit[end], end = np.inf, end + 1
+            polygon_radius[end], end = np.inf, end + 1
         # Cut each by the lines of all edges: the nearest cut ahead is the boundary of a convex polygon.
         for i in range(counts[n]):
             j = i + 1 if i + 1 < counts[n] else 0
@@ -193,8 +193,8 @@ def reach(polygons, counts, centres, spokes, side):
                 for f in range(first, end):
                     across = along[0, f] * ey - along[1, f] * ex
                     distance = (px * ey - py * ex) / across
-                    nearer = (across > 0.0) & (distance < limit[f])
-                    limit[f], side[f] = distance if nearer else limit[f], i if nearer else side[f]
+                    nearer = (across > 0.0) & (distance < polygon_radius[f])
+                    polygon_radius[f], side[f] = distance if nearer else polygon_radius[f], i if nearer else side[f]
         first = end
 
 
@@ -216,7 +216,7 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
     `radius`, `label`: (m,), written: where light ends, and its obstacle; the bounding radius itself, and no label,
     where a ray passes there.
     """
-    owner, _, limit, towards = spokes
+    owner, _, polygon_radius, along_spoke = spokes
     packet = new_packet()
     x, y = packet.x, packet.y
     start_x, start_y = np.empty(PACKET), np.empty(PACKET)
@@ -234,7 +234,7 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
         # Fill the packet with new directions.
         while size < PACKET and next_spoke < owner.shape[0]:
             spoke[size] = next_spoke
-            along[0, size], along[1, size] = towards[0, next_spoke], towards[1, next_spoke]
+            along[0, size], along[1, size] = along_spoke[0, next_spoke], along_spoke[1, next_spoke]
             search[LOW, size], search[HIGH, size] = 0.0, 1.0
             search[INNER, size], search[OUTER, size] = 1.0, -1.0
             search[TRIAL, size] = 1.0
@@ -247,10 +247,11 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
         for i in range(size):
             f = spoke[i]
             n = owner[f]
-            far = limit[f] * search[TRIAL, i]
+            radius_on_trial = polygon_radius[f] * search[TRIAL, i]
             bundle[i] = n
             start_x[i], start_y[i] = positions[n, 0], positions[n, 1]
-            points[i, 0], points[i, 1] = centres[n, 0] + far * along[0, i], centres[n, 1] + far * along[1, i]
+            points[i, 0] = centres[n, 0] + radius_on_trial * along[0, i]
+            points[i, 1] = centres[n, 1] + radius_on_trial * along[1, i]
             x[i], y[i] = points[i, 0], points[i, 1]
         label_packet(camera, microlens, bundle[:size], points, start, size, packet, labels)
         rays += size
@@ -260,12 +261,12 @@ def find_edges(camera, positions, microlens, centres, spokes, steps, radius, lab
             passes = blocker[i] == PASSES
             is_done = passes and search[TRIAL, i] == 1.0
             if is_done:
-                radius[spoke[i]] = limit[spoke[i]]
+                radius[spoke[i]] = polygon_radius[spoke[i]]
             else:
                 blockers[i] = blockers[i] if passes else blocker[i]
                 is_done = _narrowed(search[:, i], passes, clearance[i], narrow)
                 if is_done:
-                    radius[spoke[i]], label[spoke[i]] = limit[spoke[i]] * search[TRIAL, i], blockers[i]
+                    radius[spoke[i]], label[spoke[i]] = polygon_radius[spoke[i]] * search[TRIAL, i], blockers[i]
             if not is_done:  # in their order: rays behind one microlens stay side by side
                 spoke[kept], blockers[kept] = spoke[i], blockers[i]
                 along[0, kept], along[1, kept] = along[0, i], along[1, i]
@@ -282,14 +283,14 @@ def _narrowed(search, passes, clearance, narrow):
     # bisection at worst (Oliveira and Takahashi, ACM Trans. Math. Softw. 47, 2021, 5). Without a clearance of the right
     # sign the step is a bisection.
     # Convert the clearance from an area to a length, which is about linear along the radius.
-    clearance = 1.0 - math.sqrt(max(1.0 - clearance, 0.0))
+    along_radius = 1.0 - math.sqrt(max(1.0 - clearance, 0.0))
     # Move the end of the bracket on the ray's side.
     if passes:
         search[LOW] = search[TRIAL]
-        search[INNER] = clearance if clearance > 0.0 else -search[OUTER]
+        search[INNER] = along_radius if along_radius > 0.0 else -search[OUTER]
     elif search[TRIAL] > 0.0:
         search[HIGH] = search[TRIAL]
-        search[OUTER] = clearance if clearance < 0.0 else -search[INNER]
+        search[OUTER] = along_radius if along_radius < 0.0 else -search[INNER]
         if search[HIGH] == 1.0:
             search[TRIAL] = 0.0  # the inner point itself
             return False

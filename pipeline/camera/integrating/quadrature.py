@@ -100,12 +100,12 @@ class Edges(StarRegions):
         status = np.full(n, EMPTY)
         # Choose the directions of the quadrature, and find the boundary along each.
         least = max(nodes[0] // 2, _LEAST_PER_ARC if is_last else 0)
-        owner, angle, share = boundary.directions(self.nonempty, self.corners, nodes[1], least)
-        radius, _, limit, rays = self.edge_points(owner, angle, self.effort.edge_steps)
+        owner, angle, angular_weight = boundary.directions(self.nonempty, self.corners, nodes[1], least)
+        radius, _, polygon_radius, rays = self.edge_points(owner, angle, self.effort.edge_steps)
         if len(owner):
             # Sum moments over Gauss-Legendre nodes along each radius.
             along = boundary.unit_vectors(angle)
-            spans = Spans(self.centres, owner, along, share, *self._pieces(owner, along, radius))
+            spans = Spans(self.centres, owner, along, angular_weight, *self._pieces(owner, along, radius))
             rule = Rule(*boundary.unit_nodes(nodes[0]))
             star_shaped = np.zeros(n, bool)
             bundles = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
@@ -113,11 +113,12 @@ class Edges(StarRegions):
             edge_kernels.integrate.count(count, len(self.arrays.table))
             rays += count + len(owner)
             # Reject regions that are not star-shaped: by a ray beyond each boundary point, and by probes all over.
-            star_shaped &= self.nothing_beyond(owner, along, radius, limit)
+            star_shaped &= self.nothing_beyond(owner, along, radius, polygon_radius)
             if is_last:
-                agrees, probes = agrees_with_probes(self, owner, angle, radius, share, PROBES * nodes[1])
+                probes = PROBES * nodes[1]  # for each position
+                agrees, probe_rays = agrees_with_probes(self, owner, angle, radius, angular_weight, probes)
                 star_shaped &= agrees
-                rays += probes
+                rays += probe_rays
             status[owner] = np.where(star_shaped, INTEGRATED, NOT_STAR_SHAPED)[owner]
         # Quadrature has no variance; an empty bundle has weight 0.
         result[:, VARIANCE:] = 0.0
@@ -198,10 +199,21 @@ def bounded(arrays: CameraArrays, positions_mm: Float64[np.ndarray, "n 2"], micr
     n = len(positions)
     polygons = np.zeros((n, MAX_VERTICES, 2))
     counts = np.zeros(n, np.int64)
-    free = np.zeros(n)
-    edge_kernels.bounds(arrays, positions, microlens, polygons, counts, free)
+    free_sr = np.zeros(n)
+    edge_kernels.bounds(arrays, positions, microlens, polygons, counts, free_sr)
     no_corners = boundary.Corners(np.zeros(0, np.int64), np.zeros(0))
-    return Edges(arrays, positions, microlens, polygons, counts, free, np.full((n, 2), np.nan), no_corners, 0, FINE)
+    return Edges(
+        arrays,
+        positions,
+        microlens,
+        polygons,
+        counts,
+        free_sr=free_sr,
+        centres=np.full((n, 2), np.nan),
+        corners=no_corners,
+        rays=0,
+        effort=FINE,
+    )
 
 
 def _find_centres(bundles: Edges, within: StarRegions | None) -> int:
@@ -210,8 +222,8 @@ def _find_centres(bundles: Edges, within: StarRegions | None) -> int:
     Returns the number of rays.
     """
     candidates = np.flatnonzero(bundles.counts >= 3)
-    inside = np.arange(MAX_VERTICES) < bundles.counts[candidates, None]
-    middle = (bundles.polygons[candidates] * inside[..., None]).sum(axis=1) / bundles.counts[candidates, None]
+    is_vertex = np.arange(MAX_VERTICES) < bundles.counts[candidates, None]
+    middle = (bundles.polygons[candidates] * is_vertex[..., None]).sum(axis=1) / bundles.counts[candidates, None]
     passed = bundles.probe(candidates, middle) == PASSES
     bundles.centres[candidates[passed]] = middle[passed]
     rays = len(candidates)
@@ -232,7 +244,7 @@ def _probe_for_centres(bundles: Edges, rows: np.ndarray, points_of: Callable[[np
         points = points_of(batch)
         label = bundles.probe(np.repeat(batch, points.shape[1]), points.reshape(-1, 2)).reshape(points.shape[:2])
         bundles.centres[batch] = boundary.inner_points(points, label == PASSES)
-        rays = rays + label.size
+        rays += label.size
     return rays
 
 
@@ -249,9 +261,9 @@ def _move_to_middle(bundles: Edges, owner: np.ndarray, radius: np.ndarray) -> in
     along = np.tile(directions, (len(owner) // _FIRST_DIRECTIONS, 1))
     numerator = np.stack([np.bincount(owner, radius**3 * component, n) for component in along.T], axis=1)
     nonempty = np.flatnonzero(denominator > 0)
-    middle = bundles.centres[nonempty] + numerator[nonempty] / denominator[nonempty, None]
-    passed = bundles.probe(nonempty, middle) == PASSES
-    bundles.centres[nonempty[passed]] = middle[passed]
+    centroid = bundles.centres[nonempty] + numerator[nonempty] / denominator[nonempty, None]
+    passed = bundles.probe(nonempty, centroid) == PASSES
+    bundles.centres[nonempty[passed]] = centroid[passed]
     return len(nonempty)
 
 
@@ -325,6 +337,10 @@ def regions(
     """Find the regions of sensor positions (n, 2) behind their microlenses (n,)."""
     (sign, table), *obstructed = without_obstructions(arrays.table)
     outer = edges(arrays._replace(table=table), positions_mm, microlens, effort)
-    lit = np.where(np.isnan(outer.centres[:, 0]), SKIP, microlens)
-    blocked = [(s, edges(arrays._replace(table=part), positions_mm, lit, effort, outer)) for s, part in obstructed]
+    # A position that is dark without obstructions has nothing that they could block.
+    lit_microlens = np.where(np.isnan(outer.centres[:, 0]), SKIP, microlens)
+    blocked = [
+        (sign_of_part, edges(arrays._replace(table=part), positions_mm, lit_microlens, effort, within=outer))
+        for sign_of_part, part in obstructed
+    ]
     return Regions([(sign, outer), *blocked])

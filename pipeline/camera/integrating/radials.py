@@ -34,11 +34,11 @@ number."""
 
 
 class EdgePoints(NamedTuple):
-    """Boundary points: radius, label of the obstacle, radius of the polygon, (m,) each; and rays traced."""
+    """Boundary points: radius [mm], label of the obstacle, radius of the polygon [mm], (m,) each; and rays traced."""
 
     radius: np.ndarray
     label: np.ndarray
-    limit: np.ndarray
+    polygon_radius: np.ndarray
     rays: int
 
 
@@ -94,7 +94,7 @@ class StarRegions:
         bundles = self.positions, self.microlens, self.centres
         rays = edge_search.find_edges(self.arrays, *bundles, spokes, steps, radius, label)
         edge_search.find_edges.count(rays, len(self.arrays.table))
-        return EdgePoints(radius, label, spokes.limit, rays)
+        return EdgePoints(radius, label, spokes.polygon_radius, rays)
 
     def points_inside(self, rows: Int64[np.ndarray, "n"]) -> np.ndarray:
         """Points that cover regions up to their boundary, (rows, m, 2)."""
@@ -108,15 +108,15 @@ class StarRegions:
         owner: Int64[np.ndarray, "n"],
         along: Float64[np.ndarray, "n 2"],
         radius: Float64[np.ndarray, "n"],
-        limit: Float64[np.ndarray, "n"],
+        polygon_radius: Float64[np.ndarray, "n"],
     ) -> np.ndarray:
         """Whether no ray passes beyond the boundary, (n,): one ray per direction, at four radii in turn."""
-        # Number the directions of each position, so that no row depends on another, and alternate between four shares
-        # of the distance from the boundary to the polygon.
-        number = np.arange(len(owner)) - np.searchsorted(owner, owner)
-        share = 0.125 + 0.25 * (number % 4)
-        ends_inside = radius < limit * (1 - 1e-9)
-        points = self.centres[owner] + (radius + share * (limit - radius))[:, None] * along
+        # Number the directions of each position, so that no row depends on another, and alternate between four
+        # fractions of the distance from the boundary to the polygon.
+        direction = np.arange(len(owner)) - np.searchsorted(owner, owner)
+        fraction = 0.125 + 0.25 * (direction % 4)
+        ends_inside = radius < polygon_radius * (1 - 1e-9)
+        points = self.centres[owner] + (radius + fraction * (polygon_radius - radius))[:, None] * along
         label = self.probe(owner[ends_inside], points[ends_inside])
         is_clear = np.ones(len(self.positions), bool)
         is_clear[owner[ends_inside][label == PASSES]] = False
@@ -128,7 +128,7 @@ def agrees_with_probes(
     owner: Int64[np.ndarray, "m"],
     angle: Float64[np.ndarray, "m"],
     radius: Float64[np.ndarray, "m"],
-    share: Float64[np.ndarray, "m"],
+    angular_weight: Float64[np.ndarray, "m"],
     count: int,
 ) -> tuple[np.ndarray, int]:
     """Whether `count` probes over the polygon of each position agree with a boundary, (n,) bool; and rays traced.
@@ -138,8 +138,8 @@ def agrees_with_probes(
     star-shaped. The number of probes that pass beyond the chords must not exceed what the area there accounts for:
     otherwise the boundary is too small.
 
-    `owner`, `angle`, `radius`, `share`: directions of a quadrature, sorted by owner; the radius of the boundary, and
-    the angle that each represents.
+    `owner`, `angle`, `radius`, `angular_weight`: directions of a quadrature, sorted by owner; the radius of the
+    boundary along each [mm], and its weight [rad].
     """
     n = len(bundles.positions)
     nonempty = np.flatnonzero(np.bincount(owner, minlength=n))
@@ -155,12 +155,12 @@ def agrees_with_probes(
     disagrees = np.flatnonzero(passes != chords.hold(bundle, probe_angle, x, y))
     # Trace the boundary in the direction of each probe that disagrees.
     probe_radius = np.hypot(x[disagrees], y[disagrees])
-    edge, _, limit, rays = bundles.edge_points(bundle[disagrees], probe_angle[disagrees], _STEPS)
+    edge, _, polygon_radius, rays = bundles.edge_points(bundle[disagrees], probe_angle[disagrees], _STEPS)
     excess = np.where(passes[disagrees], probe_radius - edge, edge - probe_radius)
     agrees = np.ones(n, bool)
-    agrees[bundle[disagrees][excess > limit * 0.5**_STEPS]] = False
+    agrees[bundle[disagrees][excess > polygon_radius * 0.5**_STEPS]] = False
     # Compare the number of probes beyond the chords with the area between chords and boundary.
-    outside = np.bincount(owner, 0.5 * share * radius**2, n) - chords.area()
+    outside = np.bincount(owner, 0.5 * angular_weight * radius**2, n) - chords.area()
     expected = count * np.maximum(outside[nonempty], 0.0) / _areas(bundles, nonempty)
     beyond = np.bincount(bundle[disagrees][passes[disagrees]], minlength=n)[nonempty]
     agrees[nonempty[beyond > expected + _CHANCE + _ERRORS * np.sqrt(expected)]] = False
@@ -191,11 +191,11 @@ class _Chords:
         return (self.x[b] - ax) * (y - ay) > (self.y[b] - ay) * (x - ax)
 
     def area(self) -> np.ndarray:
-        """Area that the chords enclose, (n,)."""
-        b = self.following
+        """Area that the chords enclose, (n,) [mm^2]."""
+        following = self.following
         n = len(self.first) - 1
         owner = np.repeat(np.arange(n), np.diff(self.first))
-        return np.bincount(owner, 0.5 * (self.x * self.y[b] - self.x[b] * self.y), n)
+        return np.bincount(owner, 0.5 * (self.x * self.y[following] - self.x[following] * self.y), n)
 
 
 def _chords(owner: np.ndarray, angle: np.ndarray, radius: np.ndarray, n: int) -> _Chords:
@@ -216,9 +216,9 @@ def _key(owner: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 
 def _areas(bundles: StarRegions, rows: np.ndarray) -> np.ndarray:
-    """Areas of the bounding polygons of some regions, by the shoelace formula."""
+    """Areas of the bounding polygons of some regions, by the shoelace formula [mm^2]."""
     x, y = np.moveaxis(bundles.polygons[rows], -1, 0)
-    number = np.arange(x.shape[1])
-    following = np.where(number + 1 < bundles.counts[rows, None], number + 1, 0)
+    vertex = np.arange(x.shape[1])
+    following = np.where(vertex + 1 < bundles.counts[rows, None], vertex + 1, 0)
     cross = x * np.take_along_axis(y, following, axis=1) - y * np.take_along_axis(x, following, axis=1)
-    return 0.5 * np.sum(np.where(number < bundles.counts[rows, None], cross, 0.0), axis=1)
+    return 0.5 * np.sum(np.where(vertex < bundles.counts[rows, None], cross, 0.0), axis=1)

@@ -37,19 +37,24 @@ class Lattice:
 def lattice(array: MicrolensArray) -> Lattice:
     """All microlenses whose vertex lies in the array's rectangle [-w/2, w/2) x [-h/2, h/2) around its centre.
 
-    If the array states numbers of microlenses, the rectangle is rotated with them.
+    The rectangle lies in the sensor frame [mm], before any tilt. If the array states numbers of microlenses, it is
+    rotated with them.
     """
-    basis = array.pitch_mm * rotation(array) @ _basis(array)
+    basis_mm = array.pitch_mm * rotation(array) @ _basis(array)
     is_counted = array.columns is not None
     width, height = extent_mm(array)
-    # List all indices in a parallelogram that holds the rectangle, at any rotation if that turns with the lattice.
-    half = math.hypot(width, height) / 2 if is_counted else 0.0
-    corners = np.array([[x, y] for x in (-1, 1) for y in (-1, 1)]) * [half or width / 2, half or height / 2]
-    reach = np.ceil(np.abs(np.linalg.solve(basis, corners.T)).max(axis=1)).astype(int) + 1
+    # List all indices in a parallelogram that holds the rectangle: at any rotation, if that turns with the lattice.
+    if is_counted:
+        half_width = half_height = math.hypot(width, height) / 2
+    else:
+        half_width, half_height = width / 2, height / 2
+    corners = np.array([[x, y] for x in (-1, 1) for y in (-1, 1)]) * [half_width, half_height]
+    # Take one more on each side: rounding, and the tolerance at the border, let vertices in that lie just beyond.
+    reach = np.ceil(np.abs(np.linalg.solve(basis_mm, corners.T)).max(axis=1)).astype(int) + 1
     l, k = np.mgrid[-reach[1] : reach[1] + 1, -reach[0] : reach[0] + 1].reshape(2, -1)
     # Keep those whose vertices lie in the rectangle.
     indices = np.stack([k, l]).astype(float)
-    x, y = basis @ indices
+    x, y = basis_mm @ indices
     in_rectangle = array.pitch_mm * _basis(array) @ indices if is_counted else (x, y)
     inside = _inside(in_rectangle[0], width) & _inside(in_rectangle[1], height)
     k, l = k[inside], l[inside]

@@ -112,17 +112,17 @@ def _inner_weight(squared, acceptance):
     if acceptance.power > 0.0:
         return -math.expm1(-0.5 * power * math.log1p(squared)) / power
     theta = math.atan(math.sqrt(squared))
-    first, width = acceptance.half_angle, acceptance.roll_off
-    if theta <= first:
+    half_angle, roll_off = acceptance.half_angle, acceptance.roll_off
+    if theta <= half_angle:
         return 0.5 * squared / (1.0 + squared)
-    inside = 0.5 * math.sin(first) ** 2
-    if width == 0.0:
+    inside = 0.5 * math.sin(half_angle) ** 2
+    if roll_off == 0.0:
         return inside
-    last = min(theta, first + width)
-    # Integral of (1 - (t - first) / width) sin(2 t) / 2 by parts.
-    share = 1.0 - (last - first) / width
-    wave = (math.sin(2.0 * last) - math.sin(2.0 * first)) / (8.0 * width)
-    return inside + 0.25 * (math.cos(2.0 * first) - share * math.cos(2.0 * last)) - wave
+    end = min(theta, half_angle + roll_off)
+    # From half_angle to end, the integral of (1 - (t - half_angle) / roll_off) sin(2 t) / 2 by parts.
+    accepted_at_end = 1.0 - (end - half_angle) / roll_off
+    wave = (math.sin(2.0 * end) - math.sin(2.0 * half_angle)) / (8.0 * roll_off)
+    return inside + 0.25 * (math.cos(2.0 * half_angle) - accepted_at_end * math.cos(2.0 * end)) - wave
 
 
 @inline
@@ -133,17 +133,17 @@ def _inner_area(squared, acceptance):
         return 0.5 * math.log1p(squared)
     if power > 0.0:
         return math.expm1((1.0 - 0.5 * power) * math.log1p(squared)) / (2.0 - power)
-    first, width = acceptance.half_angle, acceptance.roll_off
+    half_angle, roll_off = acceptance.half_angle, acceptance.roll_off
     theta = math.atan(math.sqrt(squared))
-    if theta <= first:
+    if theta <= half_angle:
         return 0.5 * squared
-    if width == 0.0:
-        return 0.5 * math.tan(first) ** 2
-    last = min(theta, first + width)
-    # Integral of (1 - (t - first) / width) tan(t) / cos(t)^2 by parts.
-    share = 1.0 - (last - first) / width
-    wave = (math.tan(last) - math.tan(first) - (last - first)) / (2.0 * width)
-    return 0.5 * share * math.tan(last) ** 2 + wave
+    if roll_off == 0.0:
+        return 0.5 * math.tan(half_angle) ** 2
+    end = min(theta, half_angle + roll_off)
+    # From half_angle to end, the integral of (1 - (t - half_angle) / roll_off) tan(t) / cos(t)^2 by parts.
+    accepted_at_end = 1.0 - (end - half_angle) / roll_off
+    wave = (math.tan(end) - math.tan(half_angle) - (end - half_angle)) / (2.0 * roll_off)
+    return 0.5 * accepted_at_end * math.tan(end) ** 2 + wave
 
 
 @inline

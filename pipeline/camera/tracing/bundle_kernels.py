@@ -25,7 +25,7 @@ IMAGE_STREAM = 1 << 16
 """First stream of random numbers of images, four for each microlens of a pixel: far behind those of moments."""
 START_STREAM = 2 * REPLICAS
 """First stream for the starts of rays on a square: behind two per replica for their aims."""
-SHARE = PACKET // REPLICAS
+SAMPLES_OF_REPLICA = PACKET // REPLICAS
 """Samples of each replica in a packet."""
 SPREAD_STREAM = 1 << 24
 """First stream of random numbers of diffraction, three for each microlens of a pixel: far behind all others."""
@@ -105,8 +105,8 @@ def bundle_moments(camera, planes, samples, starts, moments):
         clear(sums, total)
         started = False
         # A packet holds samples of all replicas: short packets are slow ones.
-        for first in range(0, count, SHARE):
-            size = min(SHARE, count - first)
+        for first in range(0, count, SAMPLES_OF_REPLICA):
+            size = min(SAMPLES_OF_REPLICA, count - first)
             for r in range(REPLICAS):
                 of_replica = slice(r * size, (r + 1) * size)
                 draw_bundle(

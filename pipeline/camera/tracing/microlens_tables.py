@@ -65,30 +65,47 @@ def camera_arrays(
     vertices: Float64[np.ndarray, "n 2"],
     bounds: Outlines,
 ) -> CameraArrays:
-    """A camera for the kernels, from its surfaces, lattice and outlines."""
+    """A camera for the kernels, from its surfaces, lattice and outlines.
+
+    `table`, `vertices`, `bounds`: vision frame [mm].
+    """
     array = camera.microlenses
-    rear_mm = float(table[0, VERTEX])
-    sensor_mm = -float(camera.sensor_distance_mm)  # for a whole number, kernels would be compiled once more
-    sampling_mm = sensor_mm + array.distance_mm if array else rear_mm
-    optics = Optics(sensor_mm, sampling_mm, rear_mm, bounds.step_mm, bounds.drift)
+    rear_z_mm = float(table[0, VERTEX])
+    sensor_z_mm = -float(camera.sensor_distance_mm)  # for a whole number, kernels would be compiled once more
+    sampling_z_mm = sensor_z_mm + array.distance_mm if array else rear_z_mm
+    optics = Optics(
+        sensor_z_mm=sensor_z_mm,
+        sampling_z_mm=sampling_z_mm,
+        rear_z_mm=rear_z_mm,
+        step_mm=bounds.step_mm,
+        drift=bounds.drift,
+    )
     rows = np.zeros((len(vertices), column.COLUMNS))
-    aperture = np.zeros((0, 2))
-    elements = Elements(PLAIN, 0.0, np.eye(3), np.zeros((1, 1, 1)), np.zeros((1, column.BENDS)), np.zeros((1, 1, 3)))
-    if array is not None:
+    if array is None:
+        aperture = np.zeros((0, 2))
+        elements = Elements(
+            model=PLAIN,
+            disc_mm=0.0,
+            turn=np.eye(3),
+            faces=np.zeros((1, 1, 1)),
+            bends=np.zeros((1, column.BENDS)),
+            rims=np.zeros((1, 1, 3)),
+        )
+    else:
         diameter = array.disc_diameter_mm
-        aperture = cell(array) if diameter is None else regular(_DISC_SIDES, _OUTSIDE * diameter / 2, 0.0)
+        aperture = cell(array) if diameter is None else regular(_DISC_SIDES, _OUTSIDE * diameter / 2, first_deg=0.0)
         elements = _elements(array)
     arrays = CameraArrays(optics, _acceptance(camera), table, bounds.vertices_mm, rows, aperture, elements)
     if array is not None and lattice is not None:
         rows[:, :2] = vertices
         rows[:, column.KIND] = lattice.type
         rows[:, column.FOCAL] = np.array(array.focal_lengths_mm)[lattice.type]
-        rows[:, column.Z] = sampling_mm + lattice.z_mm
+        rows[:, column.Z] = sampling_z_mm + lattice.z_mm
         if array.is_plain:  # the linear maps are exact
-            rows[:, column.AIM] = sampling_mm - sensor_mm
+            rows[:, column.AIM] = sampling_z_mm - sensor_z_mm
             rows[:, [column.OUTLINE_X, column.OUTLINE_Y]] = rows[:, [column.BASE_X, column.BASE_Y]] = rows[:, :2]
             behind = array.distance_mm
-            ahead = rear_mm + camera.sensor_distance_mm - array.distance_mm
+            ahead = rear_z_mm + camera.sensor_distance_mm - array.distance_mm
             rows[:, column.BY_START] = -ahead / behind
             rows[:, column.BY_AIM] = 1.0 + ahead / behind - ahead / rows[:, column.FOCAL] - bounds.drift
         else:
@@ -102,8 +119,9 @@ def _acceptance(camera: Camera) -> Acceptance:
     by_area = camera.weight == "area"
     if sensor.acceptance == "cone":
         half_angle, roll_off = np.deg2rad([sensor.acceptance_half_angle_deg, sensor.acceptance_roll_off_deg]).tolist()
-        return Acceptance(0.0, half_angle, roll_off, by_area)
-    return Acceptance(float(sensor.acceptance_power) if sensor.acceptance == "cosine" else 0.0, 0.0, 0.0, by_area)
+        return Acceptance(power=0.0, half_angle=half_angle, roll_off=roll_off, by_area=by_area)
+    power = float(sensor.acceptance_power) if sensor.acceptance == "cosine" else 0.0
+    return Acceptance(power=power, half_angle=0.0, roll_off=0.0, by_area=by_area)
 
 
 def _elements(array: MicrolensArray) -> Elements:
@@ -118,24 +136,31 @@ def _elements(array: MicrolensArray) -> Elements:
 
 
 def _rims(array: MicrolensArray) -> np.ndarray:
-    """Points along the edge of each type's aperture, on the face that carries it, (types, _RIM, 3)."""
+    """Points along the edge of each type's aperture, on the face that carries it, (types, _RIM, 3).
+
+    Frame of the microlens [mm].
+    """
     if array.disc_diameter_mm is None:
         rim = rim_of(cell(array), _RIM)
     else:
         # A polygon of the disc's area: their weights differ by the curvature of cos^4 across a sixtieth of a radius.
-        turn = 2 * np.pi / _RIM
-        rim = regular(_RIM, array.disc_diameter_mm / 2 * np.sqrt(turn / np.sin(turn)) * np.cos(turn / 2), 0.0)
+        side_rad = 2 * np.pi / _RIM
+        circumradius_mm = array.disc_diameter_mm / 2 * np.sqrt(side_rad / np.sin(side_rad))
+        rim = regular(_RIM, circumradius_mm * np.cos(side_rad / 2), first_deg=0.0)
     return on_apertures(array, rim)
 
 
 def on_apertures(array: MicrolensArray, points_mm: Float64[np.ndarray, "n 2"]) -> np.ndarray:
-    """Points (n, 2) across the axis of a microlens, projected onto the aperture's face of each type, (types, n, 3)."""
+    """Points (n, 2) across the axis of a microlens, projected onto the aperture's face of each type, (types, n, 3).
+
+    Frame of the microlens [mm].
+    """
     height = np.hypot(*points_mm.T)
     if array.model == "refractive":
         z = [faces.aperture_z_mm(height) for faces in array.faces]
     else:
         z = [np.full(len(height), array.reach_mm - array.distance_mm)] * len(array.focal_lengths_mm)
-    return np.stack([np.column_stack([points_mm, along]) for along in z])
+    return np.stack([np.column_stack([points_mm, z_of_type]) for z_of_type in z])
 
 
 class _LinearMaps:
@@ -172,7 +197,9 @@ class _LinearMaps:
         self._measure()
 
     def _crossings(self, at_sensor: float) -> tuple[np.ndarray, np.ndarray]:
-        """Paraxial crossings with the rear vertex and the film plane per unit of the sensor (1) or aim point (0)."""
+        """Paraxial crossings with the rear vertex plane and the film plane, (m,) each, per unit of a sensor position
+        (`at_sensor` 1) or of an aim point (0).
+        """
         array = self.array
         rows = self.rows
         above = self.lattice.z_mm
@@ -196,8 +223,8 @@ class _LinearMaps:
         normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
         inradius = np.sum(normal * aperture, axis=1)
         inflation = margin = 0.0
-        for number in np.unique(types):
-            of_type = np.flatnonzero(types == number)
+        for kind in np.unique(types):
+            of_type = np.flatnonzero(types == kind)
             order = of_type[np.argsort(self.lattice.z_mm[of_type], kind="stable")]
             for microlens in dict.fromkeys((order[0], order[len(order) // 2], order[-1])):
                 # Aim rays from random positions on the sensor at random points of the aperture's edge: the polygon must
@@ -208,7 +235,7 @@ class _LinearMaps:
                 angle = rng.uniform(0, 2 * np.pi, _TRIALS)
                 distance = reach * np.sqrt(rng.uniform(0, 1, _TRIALS))
                 starts = vertex + distance[:, None] * unit_vectors(angle)
-                points = self.arrays.elements.rims[number][rng.integers(0, _RIM, _TRIALS)]
+                points = self.arrays.elements.rims[kind][rng.integers(0, _RIM, _TRIALS)]
                 aims_for(self.arrays, trial_rows, starts, points, aims)
                 inflation = max(inflation, float((((aims - vertex) @ normal.T) / inradius).max() - 1))
                 # Trace rays through random points within it: their distance from the linear map is the margin.
@@ -218,7 +245,7 @@ class _LinearMaps:
         rows[:, column.MARGIN] = _SAFETY * margin + 1e-9
 
     def _sensor_reach(self) -> float:
-        """Largest distance of a microlens's light on the sensor from its vertex, to first order."""
+        """Largest distance of a microlens's light on the sensor from its vertex, to first order [mm]."""
         rows = self.rows
         polygons = outlines_around(self.arrays, rows[:, [column.OUTLINE_X, column.OUTLINE_Y]])
         from_base = polygons - rows[:, None, [column.BASE_X, column.BASE_Y]]
@@ -227,7 +254,7 @@ class _LinearMaps:
         return float(1.05 * (at_rear / np.abs(rows[:, column.BY_START])).max())
 
     def _error(self, microlens: np.ndarray, starts: np.ndarray, aims: np.ndarray) -> float:
-        """Largest distance on the rear vertex plane between real rays and the linear map."""
+        """Largest distance on the rear vertex plane between real rays and the linear map [mm]."""
         position = np.empty((_TRIALS, 3))
         direction = np.empty((_TRIALS, 3))
         passes = np.empty(_TRIALS)

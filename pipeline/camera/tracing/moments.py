@@ -20,10 +20,10 @@ ORIGIN, FIRST, SECOND, NORMAL = range(4)
 
 @inline
 def cross(plane, px, py, pz, dx, dy, dz):
-    """Coordinates of a ray's intersection with a plane."""
-    along = plane[NORMAL, 0] * dx + plane[NORMAL, 1] * dy + plane[NORMAL, 2] * dz
+    """Coordinates of a ray's intersection with a plane along its axes, from its origin [mm]."""
+    normal_component = plane[NORMAL, 0] * dx + plane[NORMAL, 1] * dy + plane[NORMAL, 2] * dz
     rx, ry, rz = plane[ORIGIN, 0] - px, plane[ORIGIN, 1] - py, plane[ORIGIN, 2] - pz
-    t = (plane[NORMAL, 0] * rx + plane[NORMAL, 1] * ry + plane[NORMAL, 2] * rz) / along
+    t = (plane[NORMAL, 0] * rx + plane[NORMAL, 1] * ry + plane[NORMAL, 2] * rz) / normal_component
     hx, hy, hz = t * dx - rx, t * dy - ry, t * dz - rz
     return (
         plane[FIRST, 0] * hx + plane[FIRST, 1] * hy + plane[FIRST, 2] * hz,
@@ -33,7 +33,7 @@ def cross(plane, px, py, pz, dx, dy, dz):
 
 @unit
 def cross_packet(near, far, packet, first, end, crossing):
-    """Intersections of some rays of a packet with both planes, (4, PACKET)."""
+    """Intersections of some rays of a packet with both planes, (4, PACKET) [mm]."""
     x, y, z, dx, dy, dz = packet.x, packet.y, packet.z, packet.dx, packet.dy, packet.dz
     for i in range(first, end):
         crossing[0, i], crossing[1, i] = cross(near, x[i], y[i], z[i], dx[i], dy[i], dz[i])
@@ -125,13 +125,15 @@ def mixed(moments: Float64[np.ndarray, "n m COLUMNS"], share: Float64[np.ndarray
     result[:, WEIGHT] = weight.sum(axis=1)
     result[:, FREE_WEIGHT] = moments[..., FREE_WEIGHT] @ share
     with np.errstate(invalid="ignore", divide="ignore"):  # dark mixtures
-        part = weight / result[:, WEIGHT, None]
-    finite = np.where(weight[..., None] != 0, moments, 0.0)
-    mean = np.einsum("nm,nma->na", part, finite[..., MEAN:COVARIANCE])
-    apart = finite[..., MEAN:COVARIANCE] - mean[:, None]
+        fraction = weight / result[:, WEIGHT, None]
+    # Parts without weight have NaN for moments, and count for nothing.
+    lit = np.where(weight[..., None] != 0, moments, 0.0)
+    mean = np.einsum("nm,nma->na", fraction, lit[..., MEAN:COVARIANCE])
+    # The covariance of a mixture is the mean of those of its parts, and of the squares of their means' deviations.
+    deviation = lit[..., MEAN:COVARIANCE] - mean[:, None]
     rows, columns = np.triu_indices(4)
-    products = finite[..., COVARIANCE:WEIGHT] + apart[..., rows] * apart[..., columns]
+    products = lit[..., COVARIANCE:WEIGHT] + deviation[..., rows] * deviation[..., columns]
     result[:, MEAN:COVARIANCE] = mean
-    result[:, COVARIANCE:WEIGHT] = np.einsum("nm,nma->na", part, products)
-    result[:, VARIANCE:] = np.einsum("nm,nma->na", part**2, finite[..., VARIANCE:])
+    result[:, COVARIANCE:WEIGHT] = np.einsum("nm,nma->na", fraction, products)
+    result[:, VARIANCE:] = np.einsum("nm,nma->na", fraction**2, lit[..., VARIANCE:])
     return result

@@ -84,11 +84,11 @@ def aim_into(region, fan, anchor, aims):
         bx[i], by[i] = polygon[k + 1, 0], polygon[k + 1, 1]
         below[i] = cumulative[k - 1] if k > 0 else 0.0
         above[i] = cumulative[k]
-    # What is left of the first number is the point's share of the outer edge; the root of the second its radius.
+    # What is left of the first number is the point's position along the outer edge; the root of the second its radius.
     for i in range(x.shape[0]):
-        share, radius = (x[i] - below[i]) / (above[i] - below[i]), math.sqrt(y[i])
-        ex = (1.0 - share) * (ax[i] - cx) + share * (bx[i] - cx)
-        ey = (1.0 - share) * (ay[i] - cy) + share * (by[i] - cy)
+        along_edge, radius = (x[i] - below[i]) / (above[i] - below[i]), math.sqrt(y[i])
+        ex = (1.0 - along_edge) * (ax[i] - cx) + along_edge * (bx[i] - cx)
+        ey = (1.0 - along_edge) * (ay[i] - cy) + along_edge * (by[i] - cy)
         x[i] = cx + radius * ex + anchor.drift * (start_x[i] - anchor.x)
         y[i] = cy + radius * ey + anchor.drift * (start_y[i] - anchor.y)
 
@@ -116,27 +116,32 @@ def spread(diffraction, microlens, aims):
 
 @inline
 def _node(position, nodes, choice):
-    """One of the two nodes around a position counted from the middle one, drawn, and the random number left over."""
+    """One of the two nodes around a position counted from the middle one, drawn, and the random number left over.
+
+    `choice`: a random number, uniform between 0 and 1.
+    """
     from_first = min(max(position + 0.5 * (nodes - 1), 0.0), nodes - 1.0)
     low = min(int(from_first), max(nodes - 2, 0))
-    part = from_first - low
-    if choice < part:
-        return low + 1, choice / part
-    return low, (choice - part) / (1.0 - part)
+    chance_of_next = from_first - low
+    if choice < chance_of_next:
+        return low + 1, choice / chance_of_next
+    return low, (choice - chance_of_next) / (1.0 - chance_of_next)
 
 
 @inline
-def _drawn(upto, share):
-    """The cell in which a cumulative sum passes a share, and the position at which it does, from the first cell."""
-    low, high = 0, upto.shape[0] - 1
+def _drawn(cumulative, choice):
+    """The cell in which a cumulative sum passes a random number, and the position at which it does, in cells from the
+    start of the first.
+    """
+    low, high = 0, cumulative.shape[0] - 1
     while low < high:
         middle = (low + high) // 2
-        if upto[middle] > share:
+        if cumulative[middle] > choice:
             high = middle
         else:
             low = middle + 1
-    before = upto[low - 1] if low > 0 else 0.0
-    return low, low + min((share - before) / (upto[low] - before), 1.0)
+    before = cumulative[low - 1] if low > 0 else 0.0
+    return low, low + min((choice - before) / (cumulative[low] - before), 1.0)
 
 
 @inline
@@ -222,20 +227,20 @@ def _aim(camera, has_microlens, start, size, packet):
     # A sample at distance d from the sensor position, on a plane at distance h from the sensor, weighs cos(theta) d
     # omega = h^2 / d^4 dA: irradiance.
     vx, vy, power = packet.scratch[_VERTEX_X], packet.scratch[_VERTEX_Y], packet.scratch[_POWER]
-    plane = camera.optics.sampling_z_mm
+    sampling_z = camera.optics.sampling_z_mm
     disc = camera.elements.disc_mm
-    h = plane - camera.optics.sensor_z_mm
+    h = sampling_z - camera.optics.sensor_z_mm
     per_h = 1.0 / h
     for i in range(size):
         x, y = packet.x[i], packet.y[i]
         sx, sy = (x - start.x[i]) * per_h, (y - start.y[i]) * per_h
         ax, ay = x - vx[i], y - vy[i]
-        share = per_h / (1.0 + sx * sx + sy * sy)
+        cos2_per_h = per_h / (1.0 + sx * sx + sy * sy)
         # An ideal thin lens changes slopes by offset / focal length.
         sx, sy = sx - ax * power[i], sy - ay * power[i]
         w = 1.0 / math.sqrt(1.0 + sx * sx + sy * sy)
-        put(packet, i, Ray(x, y, plane, sx * w, sy * w, w, 1.0))
-        packet.weight[i] = share * share
+        put(packet, i, Ray(x, y, sampling_z, sx * w, sy * w, w, 1.0))
+        packet.weight[i] = cos2_per_h * cos2_per_h
     if has_microlens and disc > 0.0:
         for i in range(size):
             ax, ay = packet.x[i] - vx[i], packet.y[i] - vy[i]
@@ -248,6 +253,9 @@ def _weigh(acceptance, h, weight, alive, size):
     """Apply the acceptance and the kind of weight to weights cos^4 / h^2."""
     if is_limited(acceptance) or acceptance.by_area:
         for i in range(size):
-            share = accepted_share(acceptance, math.sqrt(h * math.sqrt(weight[i]))) if is_limited(acceptance) else 1.0
-            weight[i] = share if acceptance.by_area else weight[i] * share
-            alive[i] = alive[i] if share > 0.0 else 0.0
+            accepted = 1.0
+            if is_limited(acceptance):
+                cosine = math.sqrt(h * math.sqrt(weight[i]))
+                accepted = accepted_share(acceptance, cosine)
+            weight[i] = accepted if acceptance.by_area else weight[i] * accepted
+            alive[i] = alive[i] if accepted > 0.0 else 0.0

@@ -35,13 +35,13 @@ def sobol_bits(count: int) -> np.ndarray:
 
 
 def sobol_bits_at(index: Num[np.ndarray, "n"]) -> np.ndarray:
-    """Points with indices (n,) uint32, as `sobol_bits`."""
+    """Points with indices (n,) uint32, as `sobol_bits`: (DIMENSIONS, n) uint32."""
     points = np.zeros((DIMENSIONS, len(index)), np.uint32)
     for dimension in range(DIMENSIONS):
         for bit, direction in enumerate(_directions(dimension)):
             points[dimension] ^= np.where(index >> np.uint32(bit) & np.uint32(1), direction, np.uint32(0))
-    text = np.unpackbits(points.astype(">u4").view(np.uint8).reshape(*points.shape, 4), axis=-1)
-    return np.packbits(text[..., ::-1], axis=-1).view(">u4")[..., 0].astype(np.uint32)
+    digits = np.unpackbits(points.astype(">u4").view(np.uint8).reshape(*points.shape, 4), axis=-1)
+    return np.packbits(digits[..., ::-1], axis=-1).view(">u4")[..., 0].astype(np.uint32)
 
 
 def _directions(dimension: int) -> list[np.uint32]:

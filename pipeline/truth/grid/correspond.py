@@ -17,7 +17,7 @@ from pipeline.records.shapes import Float64
 from pipeline.targets.points import TangentPlane, TargetPoints
 from pipeline.truth import blur
 from pipeline.truth.grid import quad_search
-from pipeline.truth.grid.position_image import crossing_share
+from pipeline.truth.grid.position_image import parameter_on_target
 from pipeline.truth.grid.ray_grid import AnyRayGrid, RayGrid, fine_from_image, image_from_fine, matrix_4
 from pipeline.truth.rows import Correspondences, Solutions, existing
 from pipeline.truth.settings import TruthSettings
@@ -155,8 +155,8 @@ def _central_jacobian(image: np.ndarray, column: np.ndarray, row: np.ndarray) ->
 def with_light(solutions: Solutions, grid: RayGrid, vision_from_target: Float64[np.ndarray, "4 4"]) -> Correspondences:
     """All results of a search with light, blur and error; counts are empty."""
     covariance, ray_near, ray_far = _bundle_at(solutions, grid)
-    share, _, direction = crossing_share(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
-    uu, uv = blur.deviations(covariance, share)
+    t, _, direction = parameter_on_target(ray_near, ray_far, grid.near_mm, grid.far_mm, vision_from_target)
+    uu, uv = blur.deviations(covariance, t)
     blurred = blur.in_image(blur.on_plane(uu, direction, vision_from_target), solutions.jacobian)
     return Correspondences(
         solutions,

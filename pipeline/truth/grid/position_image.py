@@ -20,26 +20,31 @@ def on_target(
     J = J_near + t (J_far - J_near), t = <q - J_near, n> / <J_far - J_near, n>; NaN where the bundle is empty. `near`
     and `far` are mean crossings with the planes z = near_mm and z = far_mm, vision frame [mm].
     """
-    share, start, direction = crossing_share(near, far, near_mm, far_mm, vision_from_target)
-    hit = start + share[..., None] * direction - vision_from_target[:3, 3]
+    t, start, direction = parameter_on_target(near, far, near_mm, far_mm, vision_from_target)
+    hit = start + t[..., None] * direction - vision_from_target[:3, 3]
     return hit @ vision_from_target[:3, :2]
 
 
-def crossing_share(
+def parameter_on_target(
     near: Float64[np.ndarray, "... 2"],
     far: Float64[np.ndarray, "... 2"],
     near_mm: float,
     far_mm: float,
     vision_from_target: Float64[np.ndarray, "4 4"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parameter t (...) at which mean rays meet the target; J_near; J_far - J_near, (..., 3) each."""
+    """Parameter t (...) at which mean rays J_near + t (J_far - J_near) meet the target's plane.
+
+    Also J_near and J_far - J_near, (..., 3) each; vision frame [mm], as the arguments.
+    """
     start = np.concatenate([near, np.full((*near.shape[:-1], 1), near_mm)], axis=-1)
     direction = np.concatenate([far - near, np.full((*near.shape[:-1], 1), far_mm - near_mm)], axis=-1)
-    origin = vision_from_target[:3, 3]
+    target_origin = vision_from_target[:3, 3]
     normal = vision_from_target[:3, 2]
-    # No BLAS: it rounds the last rows of an array otherwise than alone.
-    ahead, along = (np.einsum("...i,i->...", vectors, normal) for vectors in (origin - start, direction))
-    return ahead / along, start, direction
+    # einsum, not @: BLAS rounds a row differently depending on how many rows there are, and results must not depend on
+    # that.
+    normal_distance_to_target = np.einsum("...i,i->...", target_origin - start, normal)
+    normal_length_of_direction = np.einsum("...i,i->...", direction, normal)
+    return normal_distance_to_target / normal_length_of_direction, start, direction
 
 
 def jacobian(image: Num[np.ndarray, "h w 2"], cell: Num[np.ndarray, "h w"]) -> np.ndarray:

@@ -40,7 +40,7 @@ class BundleMap:
     # per position (x runs slowest), direction and share of the radius: coordinates on the plane [mm], and weight per
     # area of the unit disc [sr]
     fields: Float64[np.ndarray, "positions directions rings 3"]
-    angle: Float64[np.ndarray, "directions"]  # from each direction to the next [rad]
+    angle_to_next_rad: Float64[np.ndarray, "directions"]  # from each direction to the next
 
     def basis(self, x_px: Float64[np.ndarray, "... 2"]) -> np.ndarray:
         """Lagrange polynomials of the grid at positions (..., 2): the weights of `fields`, (..., k k)."""
@@ -77,7 +77,7 @@ def bundle_map(
     if not hits.is_star_shaped.all():
         return None
     fields = np.concatenate([hits.on_plane, hits.density_sr[..., None]], axis=-1)
-    return BundleMap(grid.x_px, grid.half_px, offsets, fields, hits.angle)
+    return BundleMap(grid.x_px, grid.half_px, offsets, fields, hits.angle_to_next_rad)
 
 
 def bundle_maps(

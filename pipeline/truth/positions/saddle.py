@@ -111,7 +111,7 @@ class CornerImage:
         self.ratio = ratio
         self.along = unit_nodes(along)
         self.fields = np.ascontiguousarray(bundle.fields[:, ::step, ::step])
-        self.angle = bundle.angle.reshape(-1, step).sum(axis=1)
+        self.angle = bundle.angle_to_next_rad.reshape(-1, step).sum(axis=1)
         self.nodes = np.empty(self.fields.shape[1:])
 
     def gradient(self, x_px: Float64[np.ndarray, "2"]) -> np.ndarray:
