@@ -115,8 +115,9 @@ class Centre(StrEnum):
     """Point of the camera that a pose refers to."""
 
     PINHOLE = "equivalent pinhole"
-    ROWS = "pinhole of the rows"
-    """Of the exported rows, as export.json states it; the equivalent pinhole where these determine none."""
+    FITTED_TO_ROWS = "pinhole of the rows"
+    """The pinhole that a calibration finds in the exported correspondences, as export.json states it; the equivalent
+    pinhole where these determine none."""
     CENTRAL = "central model of the image"
     """The equivalent pinhole, or what export.json states: one of `Format.models` that leaves less."""
     PRINCIPAL_POINT = "front principal point"

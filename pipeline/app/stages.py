@@ -51,8 +51,11 @@ def chosen(path: str | Path, kind: str, names: list[str], wanted: str | None) ->
     return 0 if wanted is None else names.index(wanted)
 
 
-def located(path: Path) -> Path:
-    """A stage in the working directory, or of the library; UsageError if it is in neither."""
+def stage_or_library_path(path: Path) -> Path:
+    """The path of a stage if it exists, or else that of the stage of this name in the shipped library.
+
+    Raises UsageError: it is in neither.
+    """
     if path.exists():
         return path
     library = share("stages")

@@ -4,7 +4,7 @@ Only here offsets, axes, units and numberings are applied.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,10 @@ _AXES = {
     Board.KALIBR: np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
 }
 """Axes of the target frame of a format, by rows, in our target frame."""
+_STATED = (*(field.name for field in fields(Convention)), "consumer", "source", "note")
+"""Facts of a format under `conventions` of export.json: what its numbers mean, who reads them, and how we know. Its
+other fields only choose what is exported.
+"""
 _CAMERA_AXES = {CameraAxes.VISION: np.eye(4), CameraAxes.OPENGL: np.diag([1.0, -1.0, -1.0, 1.0])}
 """Axes of the camera of a format, by rows, in the vision frame."""
 
@@ -42,35 +46,45 @@ _CAMERA_AXES = {CameraAxes.VISION: np.eye(4), CameraAxes.OPENGL: np.diag([1.0, -
 def write_format(name: str, material: Material, folder: Path, position: str, noise: Noise) -> None:
     """Write the files of a format, and export.json, into an empty folder.
 
-    `position`: kind of position that the material holds, for the side-car; likewise `noise`, which it has already.
+    `position`, `noise`: only noted in export.json; the material holds positions of that kind, with that noise, already.
     Raises ExportError: the format cannot hold this material.
+    Raises ValueError: its module wrote other files than the format states.
     """
     module = formats.module_of(name)
-    record: Format = module.FORMAT
-    material = with_central_models(material, record, getattr(module, "central_model", None))
-    module.write(converted(material, record), folder)
+    format_: Format = module.FORMAT
+    # A format may have a camera model of its own, by a function of this name: see docs/export_format.md.
+    own_model: ModelOf | None = getattr(module, "central_model", None)
+    material = with_central_models(material, format_, own_model)
+    module.write(converted(material, format_), folder)
     files = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    facts: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
-    if record.centre in (Centre.PINHOLE, Centre.ROWS) and record.pose is not Pose.NONE:
+    side_car: dict[str, Any] = {"stage": material.stage, "format": name, "position": position}
+    side_car |= _pinhole_facts(material, format_)
+    if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
+        side_car["central_models"] = central
+    side_car["noise"] = None if noise.is_none else asdict(noise)
+    side_car["conventions"] = {fact: str(getattr(format_, fact)) for fact in _STATED}
+    side_car["files"] = files
+    write_json(folder / formats.SIDE_CAR, side_car)
+    plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
+    stated_paths = format_.paths(plenoptic, material.frames, len(material.targets))
+    if sorted([*files, formats.SIDE_CAR]) != stated_paths:
+        raise ValueError(f"{name} states the files {stated_paths}, and wrote {files}")
+
+
+def _pinhole_facts(material: Material, format_: Format) -> dict[str, Any]:
+    """Facts in export.json about the pinholes to which a format refers; empty if it refers to none."""
+    facts: dict[str, Any] = {}
+    if format_.centre in (Centre.PINHOLE, Centre.FITTED_TO_ROWS) and format_.pose is not Pose.NONE:
         facts["residuals_of_equivalent_pinholes_px"] = {
             camera.name: {key: model and {"rms": model.rms_px, "max": model.max_px} for key, model in _pinholes(camera)}
             for camera in material.cameras
         }
-    if record.centre is Centre.ROWS:
+    if format_.centre is Centre.FITTED_TO_ROWS:
         facts["pinholes_of_rows"] = _row_pinholes(material)
         results = {camera.name: camera.row_pinhole() for camera in material.cameras}
         if reasons := {name: result for name, result in results.items() if isinstance(result, str)}:
             facts["without_pinhole_of_rows"] = reasons
-    if central := {camera.name: asdict(camera.central) for camera in material.cameras if camera.central}:
-        facts["central_models"] = central
-    noisy = None if noise.is_none else asdict(noise)
-    not_conventions = ("cameras", "least_cameras", "targets", "reads", "files", "models")
-    conventions = {name: str(value) for name, value in asdict(record).items() if name not in not_conventions}
-    write_json(folder / formats.SIDE_CAR, {**facts, "noise": noisy, "conventions": conventions, "files": files})
-    plenoptic = {camera.name: camera.built.is_plenoptic for camera in material.cameras}
-    stated = record.paths(plenoptic, material.frames, len(material.targets))
-    if sorted([*files, formats.SIDE_CAR]) != stated:
-        raise ValueError(f"{name} states the files {stated}, and wrote {files}")
+    return facts
 
 
 def _pinholes(camera: ExportCamera) -> tuple[tuple[str, BuiltPinhole | None], ...]:
@@ -90,20 +104,20 @@ def _row_pinholes(material: Material) -> dict[str, Any]:
     return pinholes
 
 
-def with_central_models(material: Material, record: Format, model_of: ModelOf | None = None) -> Material:
+def with_central_models(material: Material, format_: Format, model_of: ModelOf | None = None) -> Material:
     """A material with the central models of its cameras, and with poses to their centres, if a format states these, or
     knows models for cameras that no pinhole fits.
 
     `model_of`: by default `central.central_model`.
     Raises ExportError: none fits a camera.
     """
-    is_needed = {camera.name: record.centre is Centre.CENTRAL or not camera.pinhole for camera in material.cameras}
-    if not record.models or not any(is_needed.values()):
+    is_needed = {camera.name: format_.centre is Centre.CENTRAL or not camera.pinhole for camera in material.cameras}
+    if not format_.models or not any(is_needed.values()):
         return material
     from pipeline.exports.central import central_model  # loads the tracer
 
     of_camera = model_of or central_model
-    models = {camera.name: of_camera(camera, record.models) for camera in material.cameras if is_needed[camera.name]}
+    models = {camera.name: of_camera(camera, format_.models) for camera in material.cameras if is_needed[camera.name]}
     views = []
     for view in material.views:
         if view.camera not in models:
@@ -119,7 +133,7 @@ def with_central_models(material: Material, record: Format, model_of: ModelOf | 
 
 def converted(material: Material, convention: Convention) -> Material:
     """A material as a format counts it; ExportError if microlenses cannot be numbered as the format does it."""
-    if convention.centre is Centre.ROWS:
+    if convention.centre is Centre.FITTED_TO_ROWS:
         material = _by_rows(material)
     grids = {camera.name: _grid(material, camera, convention) for camera in material.cameras}
     cameras = {camera.name: camera for camera in material.cameras}
@@ -274,7 +288,7 @@ def _from_other(material: Material, number: int, convention: Convention) -> Stat
         return None
     other = material.cameras[origins[convention.pose]]
     turn = _CAMERA_AXES[convention.camera_axes]
-    pose = material.between(other, material.cameras[number])
+    pose = material.second_from_first(other, material.cameras[number])
     return stated(_scaled(turn @ pose @ turn.T, convention.scale), convention.rotation)
 
 

@@ -304,8 +304,12 @@ class Material:
             )
         return target.grid
 
-    def between(self, first: ExportCamera, second: ExportCamera) -> np.ndarray:
-        """The pose second_from_first, (4, 4); ExportError if it is not the same in all frames, or unknown."""
+    def second_from_first(self, first: ExportCamera, second: ExportCamera) -> np.ndarray:
+        """The pose of the first camera in the frame of the second, (4, 4) [mm]: ask before the conversion to a format's
+        unit, or for a format in mm.
+
+        Raises ExportError: the pose is not the same in all frames, or unknown.
+        """
         if first.name == second.name:
             return np.eye(4)
         views = self.together(first, second)

@@ -82,20 +82,26 @@ class Footprints:
         # Diffraction widens what a pixel sees: as if its square were larger.
         self._edge_mm = rig.tracer.camera.sensor.pitch_mm + 2 * rig.diffraction.reach_mm
         self._blocks = blocks
+        # Light through the microlens of the pixel's cell, and through the others
         parts = blocks_of[:, :1], blocks_of[:, 1:]
         self._parts = [BlockPixels(band.positions_mm, np.ascontiguousarray(part), *blocks[1:]) for part in parts]
         self._beams: Beams = beams_of(rig.tracer.arrays, blocks)
 
     def undecided(self) -> np.ndarray:
-        """NaN for both parts of each pixel, (2, n): the verdict about objects that no footprint can judge."""
+        """NaN for each pixel through the microlens of its cell and through the others, (2, n): no footprint can judge
+        the objects.
+        """
         return np.full((len(self._parts), len(self._parts[0].positions)), np.nan)
 
-    def judged(
+    def uniform_light(
         self, sheets: Sequence[tuple[Patch, np.ndarray]], solids: Sequence[np.ndarray], background: float
     ) -> np.ndarray:
-        """Light that both parts of each pixel receive, (2, n): of the background, of one colour of a sheet, or NaN.
+        """Radiance that each pixel sees through the microlens of its cell, and through the others, (2, n): that of the
+        background, or of one colour of one sheet; NaN if it may see both, or a solid. Its unit is that of `background`
+        and of the colours of patches.
 
-        `sheets`: flat patches with their poses vision_from_patch. `solids`: points of everything else, (m, 3).
+        `sheets`: flat patches with their poses vision_from_patch.
+        `solids`: points (m, 3) of the meshes of everything else, vision frame [mm].
         """
         shape = len(self._parts), len(self._parts[0].positions)
         verdict = np.full(shape, NOTHING, np.int8)
@@ -104,18 +110,20 @@ class Footprints:
             left, bottom, front = (points.min(axis=0) - TOUCHING_MM).tolist()
             right, top, back = (points.max(axis=0) + TOUCHING_MM).tolist()
             bounds = Box(left, right, bottom, top)
-            across = np.tile(np.eye(4), (2, 1, 1))
-            across[:, 2, 3] = front, back
-            near, far = map(self._meeting, across)
+            # Front and back end of the solid, vision frame
+            planes_across_axis = np.tile(np.eye(4), (2, 1, 1))
+            planes_across_axis[:, 2, 3] = front, back
+            near, far = map(self._meeting, planes_across_axis)
             for part, its_verdict in zip(self._parts, verdict, strict=True):
-                judge_solid(bounds, part, near, far, its_verdict)
+                judge_solid(bounds, part, near, far, its_verdict)  # writes its_verdict
         for patch, pose in sheets:
             meeting = self._meeting(pose)
             colour_of_block = np.empty(len(self._blocks.step_mm))
             colours_of_blocks(patch.drawing.arrays, meeting, colour_of_block)
-            sheet = patch.drawing.arrays, np.array(patch.colours)
+            drawing_and_colours = patch.drawing.arrays, np.array(patch.colours)
             for part, its_verdict, its_light in zip(self._parts, verdict, light, strict=True):
-                judge_sheet(*sheet, part, meeting, colour_of_block, its_verdict, its_light)
+                # writes its_verdict and its_light
+                judge_sheet(*drawing_and_colours, part, meeting, colour_of_block, its_verdict, its_light)
         light[verdict == UNDECIDED] = np.nan
         return light
 

@@ -184,8 +184,8 @@ class TargetLight:
         return self
 
     def uniform(self, sight: Footprints) -> np.ndarray:
-        """Light that both parts of pixels see, (2, n), NaN unless certainly of one colour: see `Footprints.judged`."""
-        return sight.judged(self._flat, self._solids, self._background)
+        """Radiance in pixels, (2, n), NaN unless certainly of one colour: see `Footprints.uniform_light`."""
+        return sight.uniform_light(self._flat, self._solids, self._background)
 
     def add(
         self,
@@ -243,10 +243,11 @@ class TargetLight:
     def _by_embree(self, origin: np.ndarray, direction: np.ndarray, light: np.ndarray) -> None:
         """Write the light of everything in the scene."""
         hit = self._scene.first_hit(origin, direction)
-        for patch, first, end in zip(self._lights, self._scene.first, self._scene.first[1:], strict=False):
+        starts = self._scene.first_triangle
+        for patch, first, end in zip(self._lights, starts, starts[1:], strict=False):
             patch.shine(np.where((hit >= first) & (hit < end), hit - first, -1), origin, direction, light)
-        ends = self._scene.first[len(self._lights) :]
-        for radiance, first, end in zip(self._occluder_radiance, ends, ends[1:], strict=False):
+        starts = starts[len(self._lights) :]
+        for radiance, first, end in zip(self._occluder_radiance, starts, starts[1:], strict=False):
             light[(hit >= first) & (hit < end)] = radiance
 
 

@@ -134,7 +134,8 @@ def photon_rate(camera: Camera, radiance: Radiance) -> float:
     """Photons that hit a pixel in a second where the linear image is 1: on the axis, before a white scene [1/s].
 
     Behind a medium of index n radiance is n^2 times smaller, as its light fills a wider cone (basic radiance L / n^2 is
-    conserved). Photons of a channel count by its relative response; the camera is then the one of the channel.
+    conserved). Behind microlenses the pixel is that on the axis of microlens (0, 0). Photons of a channel count by its
+    relative response: pass the camera of that channel.
 
     Raises SensorError: rays of the camera weigh area, so that its images are not irradiance.
     """
@@ -144,9 +145,9 @@ def photon_rate(camera: Camera, radiance: Radiance) -> float:
     rate = 0.0
     for light, losses in zip(Tracer(camera).lights, radiance.losses, strict=True):
         weight_sr = light.tracer.reference_weight_sr
-        share = axial_transmission(light.tracer, losses)
-        share /= light.tracer.camera.prescription.index_in_front**2
-        rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * share)
+        transmission = axial_transmission(light.tracer, losses)
+        radiance_factor = transmission / light.tracer.camera.prescription.index_in_front**2
+        rate += light.share * radiance.photons(radiance.w_per_m2_sr * area_m2 * weight_sr * radiance_factor)
     return rate
 
 

@@ -24,7 +24,7 @@ class MeshScene:
     Any number of threads may ask at once: Embree releases the interpreter lock while it traces.
 
     `meshes`, sequence of (m, 3, 3) float64: corners of the triangles of each mesh, vision frame [mm].
-    `first`, (k + 1,) int64: number of the first triangle of each mesh, and of all of them.
+    `first_triangle`, (k + 1,) int64: number of the first triangle of each mesh; last entry: the count of all.
     Raises ValueError: a corner is not finite.
     """
 
@@ -32,11 +32,13 @@ class MeshScene:
         for number, mesh in enumerate(meshes):
             if mesh.shape[1:] != (3, 3) or not np.isfinite(mesh).all():
                 raise ValueError(f"mesh {number} does not consist of triangles with finite corners")
-        self.first = np.cumsum([0, *(len(mesh) for mesh in meshes)])
-        # Robust: rays through a common edge of two triangles do not slip between them.
-        self._scene = EmbreeScene(robust=True) if self.first[-1] else None
-        if self._scene is None:
+        self.first_triangle = np.cumsum([0, *(len(mesh) for mesh in meshes)])
+        self._scene: EmbreeScene | None = None
+        # No triangles: no scene, and nothing is ever hit.
+        if not self.first_triangle[-1]:
             return
+        # Robust: rays through a common edge of two triangles do not slip between them.
+        self._scene = EmbreeScene(robust=True)
         corners = np.concatenate(list(meshes)).reshape(-1, 3)
         index = np.arange(len(corners), dtype=np.int32).reshape(-1, 3)
         TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=np.float32), index)

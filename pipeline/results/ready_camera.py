@@ -165,10 +165,15 @@ class ReadyCamera:
     def _derivatives(
         self, rows: Solutions, planes: np.ndarray, names: Sequence[str], *, with_blur: bool
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Derivatives of positions and, if requested, of blur by parameters, (n, 2) and (n, 2, 2) or (..., k)."""
+        """Derivatives of positions and, if requested, of blur, by name of the parameter.
+
+        `planes`, (p, 4, 3): tangent planes of all points, each a point and three axes by rows, vision frame [mm].
+        Returns (n, 2) [px] and (n, 2, 2) [px^2] per unit of a parameter. One of several numbers, as a point, adds an
+        axis: (n, 2, k) and (n, 2, 2, k).
+        """
         still_planes = Planes(planes)
         variations = list[Variation]()
-        ends = list[tuple[str, int]]()  # of each name's variations
+        end_of_name = dict[str, int]()  # end of its variations among all
         for name in dict.fromkeys(names):
             if name == POINT:
                 variations += [_shifted(self.rig.tracer, planes, axis) for axis in range(3)]
@@ -177,24 +182,24 @@ class ReadyCamera:
                     f"a camera without a stage has no {name!r}", hint=f'derivatives=["{POINT}"] needs no stage'
                 )
             else:
-                for number in self.vary(name):
+                for varied in self.vary(name):
                     less, more = (
                         Neighbour(self.rig.tracer.next_to(camera), still_planes)
-                        for camera in (number.less, number.more)
+                        for camera in (varied.less, varied.more)
                     )
-                    variations.append(Variation(number.step, less, more))
-            ends.append((name, len(variations)))
+                    variations.append(Variation(varied.step, less, more))
+            end_of_name[name] = len(variations)
         if not variations:
             return {}, {}
         solved = SolvedRows(rows.point, rows.cell, rows.xy_px, still_planes)
         rates = row_derivatives(self.rig, solved, variations, with_blur=with_blur)
 
-        def by_name(rates: np.ndarray) -> dict[str, np.ndarray]:
+        def by_name(by_variation: np.ndarray) -> dict[str, np.ndarray]:
             """Rates by variation, (n, v, …), as one array for each name, (n, …) or (n, …, k)."""
             result = {}
             first = 0
-            for name, end in ends:
-                its_rates = np.moveaxis(rates[:, first:end], 1, -1)
+            for name, end in end_of_name.items():
+                its_rates = np.moveaxis(by_variation[:, first:end], 1, -1)
                 result[name] = its_rates if end - first > 1 else its_rates[..., 0]
                 first = end
             return result
@@ -255,7 +260,8 @@ class ReadyCamera:
 
     def _repr_html_(self) -> str:
         """Key figures and the drawing with real rays, for a notebook."""
-        from pipeline.results.drawing import focus_in_words, svg  # what only projects points needs no pictures
+        # Imported here: a notebook that only projects points does not load drawing.
+        from pipeline.results.drawing import focus_in_words, svg
 
         lens = first_order(self.camera.prescription)
         sensor = self.camera.sensor
@@ -267,8 +273,8 @@ class ReadyCamera:
             ("sensor", f"{sensor.width_px} x {sensor.height_px} px of {1000 * sensor.pitch_mm:g} µm"),
         ]
         if array is not None:
-            kinds = ", ".join(f"{length:.4g}" for length in array.focal_lengths_mm)
-            rows.append(("microlenses", f"{array.pitch_mm:.4g} mm apart, f = {kinds} mm"))
+            focal_lengths = ", ".join(f"{length:.4g}" for length in array.focal_lengths_mm)
+            rows.append(("microlenses", f"{array.pitch_mm:.4g} mm apart, f = {focal_lengths} mm"))
         name = self.name or "camera"
         return html_table(("camera", name), rows) + svg(self.camera, name)
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.app.authoring.poses import PLENOPTIC_SHARES, SHARES, BoardPose, CameraField, Wish, poses_that_fill
-from pipeline.app.stages import asset_path, chosen, located, require_free, sound, unwritten, write_sound
+from pipeline.app.stages import asset_path, chosen, require_free, sound, stage_or_library_path, unwritten, write_sound
 from pipeline.camera.focusing.depth_of_field import view_of
 from pipeline.engine.files import chosen_place
 from pipeline.entry_points import offered, plugged_in
@@ -139,8 +139,8 @@ def new_dataset(
 
 def _plan(out: Path, rig: Path, target: Path, camera: str | None) -> _DatasetText:
     """The dataset before its poses are known; UsageError if the rig has no camera, or the target file no target."""
-    rig_stage = sound(located(rig))
-    target_stage = sound(located(target))
+    rig_stage = sound(stage_or_library_path(rig))
+    target_stage = sound(stage_or_library_path(target))
     names = [entry.name for entry in rig_stage.cameras]
     if not names or not target_stage.targets:
         kind, path = ("camera", rig) if not names else ("target", target)

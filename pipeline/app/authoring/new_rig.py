@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.app.stages import asset_path, located, require_free, sound, write_sound
+from pipeline.app.stages import asset_path, require_free, sound, stage_or_library_path, write_sound
 from pipeline.camera.parts.microlens_array import MicrolensArray
 from pipeline.errors import UsageError
 from pipeline.optics.first_order import first_order
@@ -64,7 +64,7 @@ def new_rig(out: Path, wish: RigWish) -> Loaded:
 
 def lens_of(path: Path) -> LensEntry:
     """The lens of a file, or of the library; UsageError if it is none, StageError if it does not pass `check`."""
-    loaded = sound(located(path))
+    loaded = sound(stage_or_library_path(path))
     if loaded.lens is None:
         raise UsageError(f"{path} is no lens", hint="a stage whose default prim is a PlenLens")
     return loaded.lens

@@ -19,14 +19,15 @@ _CURVES = (
     ("sagittal", "#1f5fa8", "--", "sagittal"),
     ("tangential", "#c0392b", "-", "tangential"),
 )
-"""Name, colour, dashes and caption of each curve, the most important one on top."""
+"""Attribute of PointImage, colour, dashes and caption of each curve, the most important one drawn last, on top."""
 
 
 def lines(images: Sequence[PointImage], pitch_mm: float) -> list[str]:
     """A table of several point images, and a legend of its columns."""
-    nyquist = 1 / (2 * pitch_mm)
+    nyquist_per_mm = 1 / (2 * pitch_mm)
     head = ("place", "position", "object", "Airy radius", "wavefront", "Strehl", "MTF", "saddle")
-    units = ("", "px", "mm", "um    px", "rms    PV", "", f"at {nyquist / 2:.0f}   at {nyquist:.0f}", "px")
+    frequencies = f"at {nyquist_per_mm / 2:.0f}   at {nyquist_per_mm:.0f}"
+    units = ("", "px", "mm", "um    px", "rms    PV", "", frequencies, "px")
     rows = [head, units, *(_row(image, pitch_mm) for image in images)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     table = ["  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
@@ -91,12 +92,12 @@ def _draw_photograph(axes: Any, image: PointImage, pitch_mm: float) -> None:
 
 def _draw_curves(axes: Any, image: PointImage, pitch_mm: float) -> None:
     """Modulation transfer functions, with the Nyquist frequency of the pixels."""
-    for name, colour, dashes, words in _CURVES:
-        axes.plot(image.per_mm, getattr(image, name), dashes, color=colour, label=words, linewidth=1.2)
+    for attribute, colour, dashes, words in _CURVES:
+        axes.plot(image.per_mm, getattr(image, attribute), dashes, color=colour, label=words, linewidth=1.2)
     last = float(image.per_mm[-1])
-    nyquist = 1 / (2 * pitch_mm)
-    if nyquist < last:
-        axes.axvline(nyquist, color="#27803d", linestyle=":", label="Nyquist frequency of the pixels")
+    nyquist_per_mm = 1 / (2 * pitch_mm)
+    if nyquist_per_mm < last:
+        axes.axvline(nyquist_per_mm, color="#27803d", linestyle=":", label="Nyquist frequency of the pixels")
     axes.set(xlim=(0, last), ylim=(0, 1))
     axes.set_xlabel("line pairs per mm", fontsize=8)
     axes.set_ylabel("MTF", fontsize=8)

@@ -227,17 +227,18 @@ def _read(path: str, _mtime_ns: int, _size: int, name: str) -> _Module:
 
 
 def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
-    """Facts of a module from its syntax tree, whose docstrings are dropped."""
+    """Facts of a module from its syntax tree. Changes `tree`: its docstrings are dropped."""
     parent = name if is_package else name.rpartition(".")[0]
-    top = name.split(".")[0]
     imports = set(_imports(tree, parent))
-    packages = {top, __name__.split(".")[0]}  # an export format of another package imports this one
-    foreign = {name.split(".")[0] for name in imports} - packages
+    # The package of the module, and this one, which an export format of another package imports: their code counts by
+    # its text, that of all others by its version.
+    own_packages = {name.split(".")[0], __name__.split(".")[0]}
+    foreign = {imported.split(".")[0] for imported in imports} - own_packages
     _drop_docstrings(tree)
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
-        imports=sorted(name for name in imports if name.split(".")[0] in packages),
+        imports=sorted(imported for imported in imports if imported.split(".")[0] in own_packages),
         foreign=sorted(filter(is_foreign, foreign)),
     )
 

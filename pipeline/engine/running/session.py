@@ -263,8 +263,10 @@ def forecast_of(
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Status:
-    """State of each file by path (built, missing, stale: other bytes are there, or maybe), and whether a manifest
-    exists.
+    """State of each file by path, and whether a manifest exists.
+
+    A file is built, missing, stale (other bytes are there), or maybe (stale, unless a task to come gives the same
+    bytes).
     """
 
     files: dict[str, str]
@@ -278,8 +280,8 @@ def status_of(project: Project) -> Status:
     store = Store()
     tasks = {task.name: task for task in plan_of(project, store=store)}
     records = {name: store.peek(task.key) for name, task in tasks.items() if task.key and task.state == "cached"}
-    delivered = manifest.read(project.out)
-    in_folder = OurFiles(project.out, store, project.stage_id)
+    last_manifest = manifest.read(project.out)
+    our_files = OurFiles(project.out, store, project.stage_id)
 
     def digest_after_build(path: str, source: Source) -> str | None:
         if isinstance(source, bytes):
@@ -287,12 +289,13 @@ def status_of(project: Project) -> Status:
         task, output = source
         if record := records.get(task):
             return record.outputs[output].sha256
-        # The store may have lost what the folder still has.
-        is_same = delivered.tasks.get(task, "") == tasks[task].key
-        return delivered.files[path].sha256 if is_same and path in delivered.files else None
+        # The store may have lost what the folder still has. "", for a task that the manifest lacks, equals neither a
+        # digest nor None, the key of a task that depends on tasks to come.
+        is_same_task = last_manifest.tasks.get(task, "") == tasks[task].key
+        return last_manifest.files[path].sha256 if is_same_task and path in last_manifest.files else None
 
     def state(path: str, source: Source) -> str:
-        digest = in_folder.digest(path)
+        digest = our_files.digest(path)
         if digest is None:
             return "missing"
         if digest == digest_after_build(path, source):
@@ -301,7 +304,7 @@ def status_of(project: Project) -> Status:
         return "maybe" if is_uncertain else "stale"
 
     states = {path: state(path, source) for path, source in sorted(project.files.items())}
-    return Status(files=states, has_manifest=delivered.data is not None)
+    return Status(files=states, has_manifest=last_manifest.data is not None)
 
 
 def _within_limit(store: Store, limit: int, warn: Callable[[str], None]) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.app.authoring.new_rig import RigWish, lens_of, new_rig
-from pipeline.app.stages import located, require_free
+from pipeline.app.stages import require_free, stage_or_library_path
 from pipeline.camera.parts.camera import Sensor
 from pipeline.camera.parts.errors import CameraError
 from pipeline.errors import UsageError
@@ -32,7 +32,7 @@ def new_plenoptic(out: Path, lens: Path | float, sensor: Path, wish: PlenopticWi
     """
     require_free(out)
     try:
-        figures = sensor_figures(located(sensor))
+        figures = sensor_figures(stage_or_library_path(sensor))
     except UnreadableValue:
         raise UsageError(f"{sensor} is no sensor", hint="a stage whose default prim is a PlenSensor") from None
     plane = Sensor(width_px=figures["width_px"], height_px=figures["height_px"], pitch_mm=figures["pitch_mm"])

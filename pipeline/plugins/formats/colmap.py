@@ -22,7 +22,7 @@ FORMAT = Format(
     origin=Origin.HALF,
     board=Board.RIGHT_DOWN,
     pose=Pose.CAMERA_FROM_TARGET,
-    centre=Centre.ROWS,
+    centre=Centre.FITTED_TO_ROWS,
     rotation=Rotation.QUATERNION,
     unit=Unit.M,
 )

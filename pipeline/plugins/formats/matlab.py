@@ -23,7 +23,7 @@ FORMAT = Format(
     origin=Origin.ONE,
     board=Board.RIGHT_DOWN,
     pose=Pose.CAMERA_FROM_TARGET,
-    centre=Centre.ROWS,
+    centre=Centre.FITTED_TO_ROWS,
     rotation=Rotation.VECTOR,
     unit=Unit.MM,
 )

@@ -19,7 +19,7 @@ FORMAT = Format(
     files=("corners.vnl", "<camera>.cameramodel"),
     origin=Origin.ZERO,
     pose=Pose.CAMERA_FROM_FIRST,
-    centre=Centre.ROWS,
+    centre=Centre.FITTED_TO_ROWS,
     rotation=Rotation.VECTOR,
     unit=Unit.M,
 )

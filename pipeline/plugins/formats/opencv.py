@@ -23,7 +23,7 @@ FORMAT = Format(
     origin=Origin.ZERO,
     board=Board.RIGHT_DOWN,
     pose=Pose.CAMERA_FROM_TARGET,
-    centre=Centre.ROWS,
+    centre=Centre.FITTED_TO_ROWS,
     rotation=Rotation.VECTOR,
     unit=Unit.MM,
 )
@@ -78,7 +78,7 @@ def stereo(material: Material, first: ExportCamera, second: ExportCamera) -> dic
             points.append(material.target(a.target).points[ids])
             frames.append(a.frame)
             counts.append(len(ids))
-    pose = stated(material.between(first, second), Rotation.MATRIX)
+    pose = stated(material.second_from_first(first, second), Rotation.MATRIX)
     return {
         "image_points1": _single(left, 2),
         "image_points2": _single(right, 2),

@@ -21,7 +21,7 @@ FORMAT = Format(
     origin=Origin.ZERO,
     board=Board.RIGHT_DOWN,
     pose=Pose.CAMERA_FROM_FIRST,
-    centre=Centre.ROWS,
+    centre=Centre.FITTED_TO_ROWS,
     rotation=Rotation.VECTOR,
     unit=Unit.M,
 )

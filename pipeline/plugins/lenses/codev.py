@@ -53,7 +53,7 @@ class _Row:
     """A surface as the commands so far describe it, in the unit of the file."""
 
     line: int = 0
-    shape: float = 0.0
+    radius_or_curvature: float = 0.0
     is_radius: bool | None = None  # or a curvature; None where the file has not said it
     thickness: float = 0.0
     glass: str = ""
@@ -163,9 +163,9 @@ class _Sequence:
         if name[1:] not in ("", "O", "I", "0", f"{len(self.rows)}"):
             raise UnreadableLens(self.path, f"{name} stands where S{len(self.rows)} is due", line=line)
         thicknesses = [f"{_FAR}" if value.upper() in ("INF", "INFINITY") else value for value in values[1:2]]
-        shape, thickness = [*self.numbers(line, name, [*values[:1], *thicknesses]), 0.0][:2]
-        glass = " ".join(values[2:])
-        self.current = _Row(line=line, shape=shape, thickness=thickness, is_radius=self.is_radius, glass=glass)
+        radius_or_curvature, *stated = self.numbers(line, name, [*values[:1], *thicknesses])
+        thickness = stated[0] if stated else 0.0
+        self.current = _Row(line, radius_or_curvature, self.is_radius, thickness, glass=" ".join(values[2:]))
         if name in ("SO", "S0"):
             self.rows[0] = self.current
         elif name == "SI":
@@ -197,7 +197,7 @@ class _Sequence:
         elif name in _COEFFICIENTS:
             row.coefficients[_COEFFICIENTS[name]] = value
         elif name in ("RDY", "CUY"):
-            row.shape = value
+            row.radius_or_curvature = value
             row.is_radius = name == "RDY"
         else:
             row.displaced[name] = value
@@ -256,7 +256,7 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
         if beam.f_number is not None:
             beam.f_number = None
             sequence.lose(beam.line, f"{beam.stated}, an F-number at that distance; the stop decides")
-    if image.shape:
+    if image.radius_or_curvature:
         sequence.lose(image.line, "the image surface is curved; sensors are flat")
     if image.thickness:
         sequence.lose(image.line, f"a defocus of {image.thickness:g}: the camera says where the sensor is")
@@ -278,7 +278,7 @@ def read_codev(path: str | Path, glasses: Glasses) -> PrintedLens:
 
 def _decided(sequence: _Sequence) -> PrintedLens:
     """The lens with curvatures, CODE V's default without RDM, or with radii if curvatures make surfaces cross."""
-    if all(row.is_radius is not None for row in sequence.rows[1:] if row.shape):
+    if all(row.is_radius is not None for row in sequence.rows[1:] if row.radius_or_curvature):
         return _lens(sequence, is_radius=True)
     for is_radius, name in ((False, "curvatures, CODE V's default"), (True, "radii; as curvatures they make no lens")):
         with suppress(UnreadableLens):
@@ -339,7 +339,7 @@ def _printed(sequence: _Sequence, surface: int, row: _Row, is_radius: bool) -> P
     """A surface in millimetres; UnreadableLens if it cannot be represented."""
     unit_mm = sequence.unit_mm or 1.0
     is_radius = is_radius if row.is_radius is None else row.is_radius
-    curvature = 1 / row.shape if is_radius and row.shape else row.shape
+    curvature = 1 / row.radius_or_curvature if is_radius and row.radius_or_curvature else row.radius_or_curvature
     if row.thickness >= _FAR:
         raise UnreadableLens(sequence.path, f"surface {surface} is infinitely far from the next one", line=row.line)
     half_widths_mm = None

@@ -114,18 +114,24 @@ def _entries(bare: str) -> list[Named]:
 def _glass_of_row(entry: dict[str, str]) -> Named:
     """The glass of a row of either table: itself, its substitute, or the normal line through its numbers."""
     name, vendor = entry["glass"], entry["vendor"]
+    # Rows of the catalogue have no column `stands`. In the table of names it names the substitute; empty: none.
     if "stands" not in entry:
         glass = find(f"{vendor}:{name}")
         return Named(medium=glass, glass=glass.label, maker=vendor)
     nd, vd = (float(entry[number]) if entry[number] else None for number in ("nd", "Vd"))
-    whose = f"{name} of {vendor}" if vendor else name
+    name_and_maker = f"{name} of {vendor}" if vendor else name
     if nd and not entry["stands"]:
-        numbers, line = (f"{nd:.5f}/{vd:.2f}", "the normal line through these") if vd else (f"{nd:g}", "no dispersion")
-        remark = f"{whose} ({numbers}) has no formula here and gets {line}"
+        if vd:
+            stated = f"{nd:.5f}/{vd:.2f}"
+            dispersion = "the normal line through these"
+        else:
+            stated = f"{nd:g}"
+            dispersion = "no dispersion"
+        remark = f"{name_and_maker} ({stated}) has no formula here and gets {dispersion}"
         return replace(model(nd, vd, name), remark=remark, maker=vendor)
     substitute = fluid(entry["stands"]) if entry["stands"] in FLUIDS else find(entry["stands"])
     differences = f" ({nd:.5f}/{vd:.2f}){_differences(substitute, nd, vd)}" if nd and vd else ""
-    remark = f"{listed([substitute])} stands for {whose}{differences}"
+    remark = f"{listed([substitute])} stands for {name_and_maker}{differences}"
     return Named(medium=substitute, glass=substitute.label, remark=remark, maker=vendor)
 
 

@@ -35,29 +35,30 @@ def certificate(params: Certificate, inputs: Inputs, out: Path) -> None:
     count = sum(len(table.columns["x_px"]) for _, table in tables)
     verdict = judged(rig, tables, params.shutter, params.claim_px, params.seed, rows_of_build(count))
     write_json(out / "certificate.json", verdict)
-    numbers = [frame.number for frame in params.frames]
-    write_json(out / "points.json", points_seen(numbers, tables))
+    frame_numbers = [frame.number for frame in params.frames]
+    write_json(out / "points.json", points_seen(frame_numbers, tables))
 
 
-def points_seen(numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> Json:
-    """Counts of points for the manifest: those that each target has (`of`), and those seen in each frame (`frames`).
+def points_seen(frame_numbers: list[int], tables: Sequence[tuple[Sequence[PlacedTarget], Table]]) -> Json:
+    """Counts for the manifest: points that each target has (`of`), and in each frame (`frames`) the rows of its table
+    and the points of each target that are seen.
 
     A point is seen if it has a row in the table of the frame; one that several microlenses see has several rows, and
     counts once. `tables` holds all targets of each frame, and its correspondences.
     """
     # The targets of the first frame are those of every frame: only their poses differ.
-    points_of = {
+    count_by_target = {
         entry.name: len(target_from_plain(entry.target).points().kinds)
         for targets, _ in tables[:1]
         for entry in targets
     }
     frames = []
-    for number, (_, table) in zip(numbers, tables, strict=True):
+    for number, (_, table) in zip(frame_numbers, tables, strict=True):
         points = set(zip(table.columns["target"], table.columns["point_id"], strict=True))
         counts = Counter(target for target, _ in points)
-        seen = {name: counts[name] for name in points_of}
+        seen = {name: counts[name] for name in count_by_target}
         frames.append({"frame": number, "rows": len(table.columns["target"]), "seen": seen})
-    return {"of": points_of, "frames": frames}
+    return {"of": count_by_target, "frames": frames}
 
 
 def judged(

@@ -36,14 +36,18 @@ def positions(params: Positions, inputs: Inputs, out: Path) -> None:
     }
     head |= {**dataclasses.asdict(params.sampling), **dataclasses.asdict(params.light)}
     sensor = rig.tracer.camera.sensor
-    k = params.sampling.supersampling
-    shape = sensor.height_px * k, sensor.width_px * k
+    supersampling = params.sampling.supersampling
+    shape = sensor.height_px * supersampling, sensor.width_px * supersampling
     parts = []
     for plane in params.planes:
-        to_trace = tiles(rig, np.array(plane.points_mm), k) if params.extent == "tiles" else None
+        tiles_to_trace = None  # the whole image
+        if params.extent == "tiles":
+            tiles_to_trace = tiles(rig, np.array(plane.points_mm), supersampling)
         pose = np.array(plane.vision_from_target)
-        trace = functools.partial(position_image, rig, pose, params.sampling, to_trace)
-        rows = functools.partial(_rows_also_kept, traced_files(plane.name, out), shape, to_trace, trace)
+        # Both are called with the first and end row of each band.
+        trace = functools.partial(position_image, rig, pose, params.sampling, tiles_to_trace)
+        files = traced_files(plane.name, out)
+        rows = functools.partial(_rows_and_append_traced, files, shape, tiles_to_trace, trace)
         parts.append(BandedPart(name=plane.name, shape=shape, channels=("X", "Y"), rows=rows, attributes=head))
     write_bands(out / "positions.exr", parts)
 
@@ -72,10 +76,10 @@ def traced_files(plane: str, folder: Path = Path()) -> tuple[Path, Path]:
     return folder / f"{plane}.index.npy", folder / f"{plane}.traced.npy"
 
 
-def _rows_also_kept(
+def _rows_and_append_traced(
     files: tuple[Path, Path], shape: tuple[int, int], tiles: list[Tile] | None, trace: Rows, first: int, end: int
 ) -> np.ndarray:
-    """Rows of a position image, whose traced positions are appended to the files, too."""
+    """Rows of a position image; the positions among them that were traced are appended to the files."""
     image = trace(first, end)
     mask = is_traced(tiles, shape[1], first, end)
 

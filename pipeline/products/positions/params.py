@@ -19,7 +19,10 @@ class PlaneAsked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Positions:
-    """J on each plane, in the part of the image that `extent` names."""
+    """J on each plane, in the part of the image that `extent` names: "tiles" about the points, or all of it.
+
+    `square_px`: edge of the square around a position from which rays start [px]; 0: the position itself.
+    """
 
     planes: tuple[PlaneAsked, ...]
     extent: str

@@ -22,6 +22,7 @@ class SlantedEdge(Pattern):
     angle_deg: Annotated[float, "plen:angle"] = 5.0  # of the edge from the vertical, clockwise as the viewer sees it
 
     def __post_init__(self) -> None:
+        # The schema bounds the angle to 45 degrees: the tangent is finite.
         if abs(self.height_mm * math.tan(math.radians(self.angle_deg))) >= self.width_mm:
             raise TargetError(
                 f"an edge at {self.angle_deg} degrees on a sheet of {self.width_mm} x {self.height_mm} mm",

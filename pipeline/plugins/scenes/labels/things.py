@@ -106,7 +106,7 @@ class LabelledScene:
         ray = np.flatnonzero(triangle >= 0)
         triangle, origin, direction = triangle[ray], rays.origin[ray], rays.direction[ray]
         # Number the pieces that these triangles belong to: patches, then occluders.
-        piece = np.searchsorted(self._embree.first, triangle, side="right") - 1
+        piece = np.searchsorted(self._embree.first_triangle, triangle, side="right") - 1
         # Intersect rays with the planes of triangles. For occluders this is exact, and a hit has the same barycentric
         # coordinates in the next frame.
         point, normal, barycentric = _on_planes(self._corners[triangle], origin, direction)

@@ -319,7 +319,7 @@ def lamps_of(
     placed: Sequence[PlacedLamp],
     sky: Dome,
     emitting: Emitting,
-    raised: Float64[np.ndarray, "3"],
+    rgb_weights: Float64[np.ndarray, "3"],
     shining: tuple[Glow, float],
     background: float,
 ) -> Lamps:
@@ -330,11 +330,11 @@ def lamps_of(
     for k, entry in enumerate(placed):
         lamp = from_plain(Lamp, entry.lamp)
         pose = np.array(entry.vision_from_lamp, float)
-        radiance = float(raised @ np.array(lamp.radiance))
+        radiance = float(rgb_weights @ np.array(lamp.radiance))
         table[k, :CENTRE] = KINDS.index(lamp.kind), radiance, _breadth(lamp, sky), lamp.area, *lamp.size
         table[k, CENTRE : CENTRE + 3] = pose[:3, 3]
         table[k, AXIS_X:PART] = pose[:3, :3].T.ravel()
-        table[k, PART:TINT] = raised * np.array(lamp.radiance)
+        table[k, PART:TINT] = rgb_weights * np.array(lamp.radiance)
         table[k, TINT:] = shape_of(lamp)
     glow, power_mm2 = shining
     if power_mm2 > 0:
@@ -344,7 +344,7 @@ def lamps_of(
         area = float(1.0 / glow.per_mm2[glow.triangle].mean())
         glow = glow._replace(estimate=power_mm2 / (4 * float(np.sum(away_mm**2)) + area / math.pi))
     table[:, PICTURE] = emitting.starts
-    return Lamps(table, emitting.numbers, sky._replace(raised=raised), background, glow)
+    return Lamps(table, emitting.numbers, sky._replace(rgb_weights=rgb_weights), background, glow)
 
 
 def _breadth(lamp: Lamp, sky: Dome) -> float:

@@ -115,13 +115,13 @@ class LitScene:
         sky = sky_of(lighting.lamps, view.pictures, weights.mean(axis=0))
         self._tints = list[_Tint]()
         emitting = emitting_of(lighting.lamps, view.pictures)
-        for k, raised in enumerate(weights):
-            materials = table.arrays(raised, view.lights[number][k])
+        for k, rgb_weights in enumerate(weights):
+            materials = table.arrays(rgb_weights, view.lights[number][k])
             art = list[PatchLight]()
             for target, pose in inked(view.targets, view.colours, number, slice(k, k + 1)):
                 art += [PatchLight(patch, pose @ patch.target_from_patch) for patch in target.patches()]
             glow = shapes.glow_of(self._shapes, materials)
-            lamps = lamps_of(lighting.lamps, sky, emitting, raised, glow, view.background)
+            lamps = lamps_of(lighting.lamps, sky, emitting, rgb_weights, glow, view.background)
             self._tints.append(_Tint(art, materials, lamps))
         flags = self._tints[0].materials.flags
         self._lets_pass = bool(((flags[:, THRESHOLD] > 0) | (flags[:, VEIL] != SOLID)).any())
@@ -131,7 +131,7 @@ class LitScene:
         self._bounces = lighting.bounces
 
     def uniform(self, sight: Footprints) -> np.ndarray:
-        """NaN for both parts of each pixel, (2, n): no pixel of a lit scene is of one colour for certain."""
+        """NaN for each pixel, (2, n): no pixel of a lit scene is of one colour for certain."""
         return sight.undecided()
 
     def add(
@@ -251,7 +251,8 @@ class LitScene:
         triangle = self._first_triangle(paths.origin, paths.direction, passes)
         hits.triangle[:] = triangle
         albedo = np.full(len(paths.power), np.nan)
-        for art, first, end in zip(tint.art, self._embree.first, self._embree.first[1:], strict=False):
+        starts = self._embree.first_triangle
+        for art, first, end in zip(tint.art, starts, starts[1:], strict=False):
             on_art = (triangle >= first) & (triangle < end)
             if on_art.any():
                 albedo[on_art] = 0.0

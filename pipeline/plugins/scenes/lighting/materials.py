@@ -28,16 +28,18 @@ DIFFUSE, METALLIC, ROUGHNESS, EMISSION, OPACITY, SPECULAR, NORMAL_X, NORMAL_Y, N
 INPUTS = 11
 """Number of inputs."""
 TEXTURE, WRAP_S, WRAP_T, CONSTANT = range(4)
-"""Columns of an input: row of its texture, -1 without, `PRIMVAR`: the primvar itself; wrap modes, numbers of `WRAPS`;
-its constant."""
+"""Columns of an input: row of its texture, or `NO_TEXTURE`, or `PRIMVAR`, the primvar itself; wrap modes, numbers of
+`WRAPS`; its constant."""
 COEFFICIENTS, MAP = 4, 8
 """First columns of the coefficients of a texel or a primvar, and of the map from the primvar to s and t."""
 FIRST = 14
 """Column of an input: the first one of its texture coordinates, or of its primvar, among the primvars of the shape."""
 COLUMNS = 15
 """Number of columns of an input."""
-PRIMVAR = -2
-"""Entry in place of a texture [1]."""
+NO_TEXTURE, PRIMVAR = -1, -2
+"""Entries in place of the row of a texture [1]."""
+_RGB, _RGBA = 3, 4
+"""Most components of a primvar, and those of a texel [1]."""
 WORKFLOW, FACING, THRESHOLD, LAYER, BUMPY, VEIL, COATED, INDEX, ABSORPTION = range(9)
 """Flags of a material: whether `specularColor` counts; reflectance of a facet of its dielectric face on; opacity below
 which it is a hole, 0: none; whether it has a specular layer; whether its normal is not constant; what light passes, one
@@ -52,6 +54,11 @@ REPEAT, MIRROR, CLAMP, BLACK = range(4)
 SOLID, CLEAR, PRESENCE, BODY, PANE = range(5)
 """Kinds of transparency: none; of the paint alone, by its opacity, so that layers above it still reflect; of the whole
 surface, by its opacity; refraction by the faces of a body of glass; both faces of a thin pane of glass."""
+_BEYOND = -1
+"""Index in place of that of a texel [1]: beyond the picture, where it is black."""
+_FARTHEST = 1e15
+"""Distance from the origin of a texture from which it is not drawn [texels]: beyond 2^53, 9e15, float64 does not tell
+neighbouring texels apart, and indices overflow soon after."""
 _DARKEST = 1e-12
 """Least transmittance of glass [1]: its logarithm is finite."""
 
@@ -82,7 +89,7 @@ def primvar_at(spot, column):
 
 @inline
 def _wrapped(index, count, mode):
-    """Index of a texel in the wrap mode of a texture; -1: beyond the picture, black."""
+    """Index of a texel in the wrap mode of a texture, or `_BEYOND`."""
     if 0 <= index < count:
         return index
     if mode == REPEAT:
@@ -90,46 +97,48 @@ def _wrapped(index, count, mode):
     if mode == MIRROR:
         turn = index % (2 * count)
         return turn if turn < count else 2 * count - 1 - turn
-    return min(max(index, 0), count - 1) if mode == CLAMP else -1
+    return min(max(index, 0), count - 1) if mode == CLAMP else _BEYOND
 
 
 @inline
 def _texel(materials, picture, x, y, component):
     """One component of a texel; column and row as `_wrapped` gives them."""
-    if x < 0 or y < 0:
+    if x == _BEYOND or y == _BEYOND:
         return 0.0
-    first, width = materials.pictures[picture, 0], materials.pictures[picture, 1]
-    return materials.texels[first + y * width + x, component]
+    first_texel, width = materials.pictures[picture, 0], materials.pictures[picture, 1]
+    return materials.texels[first_texel + y * width + x, component]
 
 
 @inline
 def input_at(materials, m, number, spot):
     """An input of a material at a point; textures are interpolated bilinearly between the centres of texels."""
     row = materials.inputs[m, number]
-    value, picture, first = row[CONSTANT], int(row[TEXTURE]), int(row[FIRST])
+    value, picture, first_column = row[CONSTANT], int(row[TEXTURE]), int(row[FIRST])
     if picture == PRIMVAR:
-        for k in range(3):
+        for k in range(_RGB):
             if row[COEFFICIENTS + k] != 0.0:
-                value += row[COEFFICIENTS + k] * primvar_at(spot, first + k)
-    if picture < 0:
+                value += row[COEFFICIENTS + k] * primvar_at(spot, first_column + k)
+        return value
+    if picture == NO_TEXTURE:
         return value
     width, height = materials.pictures[picture, 1], materials.pictures[picture, 2]
-    st = primvar_at(spot, first), primvar_at(spot, first + 1)
+    st = primvar_at(spot, first_column), primvar_at(spot, first_column + 1)
     s = row[MAP] * st[0] + row[MAP + 1] * st[1] + row[MAP + 2]
     t = row[MAP + 3] * st[0] + row[MAP + 4] * st[1] + row[MAP + 5]
     x, y = s * width - 0.5, (1.0 - t) * height - 0.5
-    if not abs(x) + abs(y) < 1e15:
+    if not abs(x) + abs(y) < _FARTHEST:  # also NaN
         return value
     i, j = math.floor(x), math.floor(y)
-    a, b = x - i, y - j
+    right_share, lower_share = x - i, y - j
     left, right = _wrapped(i, width, row[WRAP_S]), _wrapped(i + 1, width, row[WRAP_S])
     up, down = _wrapped(j, height, row[WRAP_T]), _wrapped(j + 1, height, row[WRAP_T])
-    for k in range(4):
+    for k in range(_RGBA):
         if row[COEFFICIENTS + k] != 0.0:
-            upper = (1.0 - a) * _texel(materials, picture, left, up, k) + a * _texel(materials, picture, right, up, k)
-            lower = (1.0 - a) * _texel(materials, picture, left, down, k)
-            lower += a * _texel(materials, picture, right, down, k)
-            value += row[COEFFICIENTS + k] * ((1.0 - b) * upper + b * lower)
+            upper = (1.0 - right_share) * _texel(materials, picture, left, up, k)
+            upper += right_share * _texel(materials, picture, right, up, k)
+            lower = (1.0 - right_share) * _texel(materials, picture, left, down, k)
+            lower += right_share * _texel(materials, picture, right, down, k)
+            value += row[COEFFICIENTS + k] * ((1.0 - lower_share) * upper + lower_share * lower)
     return value
 
 
@@ -266,17 +275,17 @@ class MaterialTable:
         """Append the coat of the artwork of a target, or the index of air without one; returns its row."""
         return self.add(Material(roughness=Input(value=(coat.roughness,)), ior=coat.ior) if coat else Material(ior=1.0))
 
-    def arrays(self, raised: Float64[np.ndarray, "3"], light: Slice) -> Materials:
+    def arrays(self, rgb_weights: Float64[np.ndarray, "3"], light: Slice) -> Materials:
         """All materials in a light, by its weights of red, green and blue; pictures are shared."""
-        inputs = [self._inputs(*material, raised) for material in self._materials]
+        inputs = [self._inputs(*material, rgb_weights) for material in self._materials]
         flags = np.array(self._flags).reshape(-1, FLAGS)
         for row, (material, *_) in zip(flags, self._materials, strict=True):
             if material.glass:
-                row[INDEX], row[ABSORPTION] = _in_light(material.glass, raised, light)
+                row[INDEX], row[ABSORPTION] = _in_light(material.glass, rgb_weights, light)
         return Materials(np.array(inputs).reshape(-1, INPUTS, COLUMNS), flags, self._pictures, self._texels)
 
     def _inputs(
-        self, material: Material, radiance: float, columns: Mapping[str, int], raised: np.ndarray
+        self, material: Material, radiance: float, columns: Mapping[str, int], rgb_weights: np.ndarray
     ) -> np.ndarray:
         """Inputs of a material in a light, (INPUTS, COLUMNS)."""
         inputs = np.zeros((INPUTS, COLUMNS))
@@ -284,7 +293,7 @@ class MaterialTable:
         if material.specular_color:
             colours[SPECULAR] = material.specular_color
         for column, value in colours.items():
-            inputs[column] = self._row(value, raised, columns)
+            inputs[column] = self._row(value, rgb_weights, columns)
         numbers = {METALLIC: material.metallic, ROUGHNESS: material.roughness, OPACITY: material.opacity}
         numbers |= {COAT: material.clearcoat, COAT_ROUGHNESS: material.clearcoat_roughness}
         for column, value in numbers.items():
@@ -303,7 +312,7 @@ class MaterialTable:
             row[FIRST] = columns[value.primvar]
             row[COEFFICIENTS : COEFFICIENTS + len(weights)] = weights
             return row
-        row[TEXTURE] = -1
+        row[TEXTURE] = NO_TEXTURE
         row[CONSTANT] = float(weights @ np.array(value.value))
         if texture is None:
             return row
@@ -317,10 +326,10 @@ class MaterialTable:
         return row
 
 
-def _in_light(glass: Glass, raised: Float64[np.ndarray, "3"], light: Slice) -> tuple[float, float]:
+def _in_light(glass: Glass, rgb_weights: Float64[np.ndarray, "3"], light: Slice) -> tuple[float, float]:
     """Index of glass, and its coefficient of absorption [1/mm], in a slice of light."""
     indices = np.interp(light.wavelengths_nm, glass.wavelengths_nm, glass.indices)
-    share = float(np.clip(raised @ np.array(glass.transmittance), _DARKEST, 1.0))
+    share = float(np.clip(rgb_weights @ np.array(glass.transmittance), _DARKEST, 1.0))
     return float(indices @ np.array(light.shares)), -math.log(share) / glass.thickness_mm + 0.0
 
 

@@ -17,13 +17,15 @@ from pipeline.records.shapes import Float64, Num
 
 _FLOOR = 0.05
 """Share of directions towards a sky that are drawn whatever its brightness there [1]."""
+_LEAST_WEIGHT = 1e-12
+"""Least weight of a texel [1]: directions are drawn from a black picture, too."""
 
 
 class Dome(NamedTuple):
     """A picture of the sky in one light."""
 
     texels: np.ndarray  # (h, w, 4) float32, red, green and blue as factors of the lamp's radiance; (0, 0, 4): none
-    raised: np.ndarray  # (3,), weights of red, green and blue in the light
+    rgb_weights: np.ndarray  # (3,), weights of red, green and blue in the light
     # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
     rows: np.ndarray
     columns: np.ndarray
@@ -42,7 +44,7 @@ def _position(dome, direction):
 @inline
 def _bright(dome, i, j):
     """A texel in the light of the dome."""
-    red, green, blue = dome.raised
+    red, green, blue = dome.rgb_weights
     return red * dome.texels[i, j, 0] + green * dome.texels[i, j, 1] + blue * dome.texels[i, j, 2]
 
 
@@ -53,12 +55,12 @@ def dome_texel(dome, direction):
     y, x = _position(dome, direction)
     y, x = y - 0.5, x - 0.5
     i, j = math.floor(y), math.floor(x)
-    a, b = y - i, x - j
+    lower_share, right_share = y - i, x - j
     up, down = min(max(i, 0), height - 1), min(max(i + 1, 0), height - 1)
     left, right = j % width, (j + 1) % width
-    upper = (1.0 - b) * _bright(dome, up, left) + b * _bright(dome, up, right)
-    lower = (1.0 - b) * _bright(dome, down, left) + b * _bright(dome, down, right)
-    return (1.0 - a) * upper + a * lower
+    upper = (1.0 - right_share) * _bright(dome, up, left) + right_share * _bright(dome, up, right)
+    lower = (1.0 - right_share) * _bright(dome, down, left) + right_share * _bright(dome, down, right)
+    return (1.0 - lower_share) * upper + lower_share * lower
 
 
 @inline
@@ -67,9 +69,9 @@ def dome_density(dome, direction):
     height, width, _ = dome.texels.shape
     y, x = _position(dome, direction)
     i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
-    sine = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
+    cos_latitude = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
     chance = (dome.rows[i + 1] - dome.rows[i]) * (dome.columns[i, j + 1] - dome.columns[i, j])
-    return chance * height * width / (2.0 * math.pi * math.pi * sine)
+    return chance * height * width / (2.0 * math.pi * math.pi * cos_latitude)
 
 
 @inline
@@ -87,25 +89,31 @@ def dome_sample(dome, pair):
 
 
 def sky_of(
-    placed: Sequence[PlacedLamp], pictures: Mapping[str, Num[np.ndarray, "h w c"]], raised: Float64[np.ndarray, "3"]
+    placed: Sequence[PlacedLamp],
+    pictures: Mapping[str, Num[np.ndarray, "h w c"]],
+    rgb_weights: Float64[np.ndarray, "3"],
 ) -> Dome:
-    """The picture of the textured dome with the tables from which directions are drawn, by how bright it is in a light;
-    linear interpolation spreads a texel over its neighbours, so the tables know the brightest of them.
+    """The picture of the dome that has one, with tables from which directions are drawn by its brightness in a light.
+
+    Linear interpolation spreads a texel over its neighbours, so the tables hold the brightest of these nine.
+
+    `rgb_weights`: of red, green and blue in that light.
     """
     domes = [entry.lamp for entry in placed if entry.lamp["kind"] == "dome"]
+    # Only one has a picture: readers refuse a second sky.
     name = next((lamp["texture"] for lamp in domes if lamp["texture"]), None)
     if name is None:
-        return Dome(np.zeros((0, 0, 4), np.float32), raised, np.zeros(1), np.zeros((0, 1)), 1.0)
+        return Dome(np.zeros((0, 0, 4), np.float32), rgb_weights, np.zeros(1), np.zeros((0, 1)), 1.0)
     picture = np.array(pictures[name], np.float32)
-    texels = picture[..., :3].astype(float) @ raised
+    brightness = picture[..., :3].astype(float) @ rgb_weights
     height = len(picture)
-    rows = np.pad(texels, ((1, 1), (0, 0)), mode="edge")
-    taller = np.max([rows[:-2], rows[1:-1], rows[2:]], axis=0)
-    brightest = np.max([np.roll(taller, 1, axis=1), taller, np.roll(taller, -1, axis=1)], axis=0)
-    sine = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]
-    share = (brightest + _FLOOR * brightest.mean() + 1e-12) * sine
-    columns = np.concatenate([np.zeros((height, 1)), np.cumsum(share, axis=1)], axis=1)
+    padded = np.pad(brightness, ((1, 1), (0, 0)), mode="edge")
+    of_three = np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
+    brightest = np.max([np.roll(of_three, 1, axis=1), of_three, np.roll(of_three, -1, axis=1)], axis=0)
+    cos_latitude = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]  # area of a row
+    weight = (brightest + _FLOOR * brightest.mean() + _LEAST_WEIGHT) * cos_latitude
+    columns = np.concatenate([np.zeros((height, 1)), np.cumsum(weight, axis=1)], axis=1)
     sums = columns[:, -1:]
-    rows = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
-    mean = float((texels * sine).mean() / sine.mean())
-    return Dome(picture, raised, rows / rows[-1], columns / sums, mean)
+    row_cdf = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
+    mean = float((brightness * cos_latitude).mean() / cos_latitude.mean())
+    return Dome(picture, rgb_weights, row_cdf / row_cdf[-1], columns / sums, mean)

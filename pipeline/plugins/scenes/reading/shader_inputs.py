@@ -13,7 +13,7 @@ _ANY = Range(low=-1e9, high=1e9)
 """Range of all other inputs [1]: shares are cut to 0 to 1, as renderers do."""
 
 
-def wanted_content(shader_id: str, name: str, value: Any) -> str | None:
+def expected_content(shader_id: str, name: str, value: Any) -> str | None:
     """Content of an input by the definition of its shader, in words, if a value of USD is not that; else None."""
     count, tokens = _declared(shader_id).get(name, (0, ()))
     if tokens:

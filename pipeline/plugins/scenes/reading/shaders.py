@@ -16,7 +16,7 @@ from pipeline.plugins.scenes.lighting.records import Input, Material, Numbers, T
 from pipeline.plugins.scenes.reading.glass import read_glass
 from pipeline.plugins.scenes.reading.lamps import is_mesh_light, mesh_light
 from pipeline.plugins.scenes.reading.pictures import file_attribute, first_of, name_of, picture_of
-from pipeline.plugins.scenes.reading.shader_inputs import wanted_content
+from pipeline.plugins.scenes.reading.shader_inputs import expected_content
 from pipeline.scene.usd.meshes import appearance_key, drawn
 from pipeline.scene.usd.problems import Problem, not_drawn, shortened
 from pipeline.scene.usd.readers import note_read, read_once
@@ -50,6 +50,10 @@ _OF_COAT = 1.5
 """Index of all clear coats [1]."""
 _SURFACES = ("", "glslfx")
 """Render contexts whose surface may be a UsdPreviewSurface: that of all renderers first."""
+
+
+_Value = Any
+"""A value of USD, as its binding to Python returns it."""
 
 
 class Wanted(NamedTuple):
@@ -261,8 +265,12 @@ class _Network:
                 self.flaws.append(not_drawn(error.thing, message, error.hint))  # else `third_party` has said so
             return Input(value=fallback)
 
-    def source(self, shader: UsdShade.Shader, name: str) -> Any:
-        """Source of an input: a value, a connection to a shader, or None for its fallback."""
+    def source(self, shader: UsdShade.Shader, name: str) -> _Connected | _Value | None:
+        """Source of an input: a value, a connection to a shader, or None for its fallback.
+
+        An input whose connection leads nowhere has its fallback, and one that is animated its value in the first frame:
+        `flaws` gets a warning of either. Raises UnreadableValue: the value is none that the shader's definition allows.
+        """
         shader_input = shader.GetInput(name)
         attribute = next(iter(shader_input.GetValueProducingAttributes() if shader_input else ()), None)
         if attribute is None:
@@ -273,8 +281,8 @@ class _Network:
         if UsdShade.Output.IsOutput(attribute):
             return _Connected(UsdShade.Shader(attribute.GetPrim()), UsdShade.Output(attribute).GetBaseName())
         value = self._first(attribute)
-        if value is not None and (wanted := wanted_content(shader.GetShaderId(), name, value)):
-            raise UnreadableValue(f'"inputs:{name}" is {shortened(str(value))}, not {wanted}', attribute)
+        if value is not None and (expected := expected_content(shader.GetShaderId(), name, value)):
+            raise UnreadableValue(f'"inputs:{name}" is {shortened(str(value))}, not {expected}', attribute)
         return value
 
     def value(self, shader: UsdShade.Shader, name: str, fallback: Any) -> Any:
