@@ -15,7 +15,7 @@ from pxr import Usd
 
 from pipeline.files.exr import read_exr
 from pipeline.files.png import write_png
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.render.sensor.read_out import Shot, digital_numbers
 from pipeline.render.sensor.response import Irradiation, SensorResponse
 from pipeline.render.spectral.preview import srgb_preview
@@ -27,7 +27,7 @@ LEVELS = (0.8, 0.02, 0.002)
 
 def sensor() -> SensorResponse:
     """The IMX250 of the library."""
-    stage = Usd.Stage.Open(str(share("stages") / "sensors" / "imx250.usda"))
+    stage = Usd.Stage.Open(str(shipped_folder("stages") / "sensors" / "imx250.usda"))
     return read_response(stage.GetDefaultPrim())
 
 

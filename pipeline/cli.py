@@ -41,7 +41,7 @@ from pipeline.app.verbs.terminal import (
     say_json,
 )
 from pipeline.errors import Exit, PipelineError, UsageError
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.jit.waits import before_compiling
 from pipeline.machine.process import require_resources
 from pipeline.machine.processor import pin
@@ -49,7 +49,7 @@ from pipeline.machine.processor import pin
 app = new_family(
     cls=Verbs,
     help="Calibration images through real lenses and microlens arrays, with exact ground truth, from USD stages.",
-    epilog=f"Documentation: {share('docs') / 'index.md'}",
+    epilog=f"Documentation: {shipped_folder('docs') / 'index.md'}",
 )
 
 
@@ -69,7 +69,7 @@ def pipeline(
         usd = metadata.version("usd-core")
     except metadata.PackageNotFoundError:
         usd = "not installed"
-    say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {share('schemas')}")
+    say(f"pipeline {__version__}\nusd-core {usd}\nplug-in path {shipped_folder('schemas')}")
     raise typer.Exit
 
 
@@ -197,9 +197,9 @@ def verify(
 
 def plugin_path() -> None:
     """Print the USD plug-in folder and the folder of shipped stages, for other programs."""
-    from pipeline.folders import share
+    from pipeline.folders import shipped_folder
 
-    say(share("schemas"), share("stages"))
+    say(shipped_folder("schemas"), shipped_folder("stages"))
 
 
 _VERBS = (

@@ -11,7 +11,7 @@ _ASIDE = 64
 """Bytes kept free in a path: more than a temporary file name adds."""
 
 
-def share(name: str) -> Path:
+def shipped_folder(name: str) -> Path:
     """Folder `name` of the shipped data: `pipeline/_share/` in an installed wheel, beside the package in a checkout."""
     package = Path(__file__).resolve().parent
     installed = package / "_share" / name

@@ -18,7 +18,7 @@ from pipeline.engine.options import USUAL
 from pipeline.engine.planning.task_code import installed_version
 from pipeline.engine.store.store import Store, default_root
 from pipeline.errors import EnvironmentFault, PipelineError
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.jit.files import REMEDY, cache_folder, can_keep, ready
 from pipeline.machine.facts import available_bytes
 from pipeline.machine.processor import level
@@ -68,7 +68,7 @@ def findings() -> Iterator[Finding]:
 
 
 def _python() -> Iterator[Finding]:
-    yield Finding("pipeline", f"{installed_version('plenoptic-pipeline')}, {share('stages').parent}")
+    yield Finding("pipeline", f"{installed_version('plenoptic-pipeline')}, {shipped_folder('stages').parent}")
     yield Finding("python", f"{platform.python_version()}, {sys.prefix}")
 
 
@@ -133,7 +133,7 @@ def _usd() -> Iterator[Finding]:
     """The USD that Python imports, and whether usdview would find our schemas."""
     spec = importlib.util.find_spec("pxr")
     yield Finding("usd", str(Path(spec.origin).parent) if spec and spec.origin else "not found")
-    schemas = share("schemas")
+    schemas = shipped_folder("schemas")
     listed = os.environ.get("PXR_PLUGINPATH_NAME", "").split(os.pathsep)
     is_listed = any(part and Path(part).resolve() == schemas.resolve() for part in listed)
     gone = [part for part in listed if "plen" in part.lower() and not Path(part).is_dir()]
@@ -145,11 +145,11 @@ def _library() -> Iterator[Finding]:
     """A lens of the library, read by USD with our schemas: the first step of every command."""
     from pipeline.scene.load import load
 
-    if problems := load(share("stages") / _PROBE).errors:
+    if problems := load(shipped_folder("stages") / _PROBE).errors:
         mend = "install the package again; if another USD is on PYTHONPATH, take it off"
         yield Finding("library", str(problems[0]), mend, is_wrong=True)
     else:
-        yield Finding("library", f"{share('stages')} can be read")
+        yield Finding("library", f"{shipped_folder('stages')} can be read")
 
 
 def _settings() -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pipeline.camera.figures.first_order_figures import lens_report
 from pipeline.errors import UsageError
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.scene.load import array_figures, load, sensor_figures, title_of
 from pipeline.spelling import did_you_mean
 
@@ -52,7 +52,7 @@ def _hint_for_part(name: str) -> str | None:
 
 
 def _files(kind: str) -> list[Path]:
-    return sorted((share("stages") / kind).glob("*.usda"))
+    return sorted((shipped_folder("stages") / kind).glob("*.usda"))
 
 
 def _lens_figures(path: Path) -> Figures:

@@ -14,7 +14,7 @@ from pipeline.engine.files import chosen_place
 from pipeline.entry_points import plugged_in
 from pipeline.errors import UsageError
 from pipeline.files.drawings import write_drawing
-from pipeline.folders import put, share
+from pipeline.folders import put, shipped_folder
 from pipeline.optics.prescription import PrescriptionError
 from pipeline.optics.printed import Lost
 from pipeline.scene.load import Loaded, load
@@ -58,7 +58,7 @@ def stage_or_library_path(path: Path) -> Path:
     """
     if path.exists():
         return path
-    library = share("stages")
+    library = shipped_folder("stages")
     if (library / path).is_file():
         return library / path
     names = [file.relative_to(library).as_posix() for file in library.glob("*/*.usda")]

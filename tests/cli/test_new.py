@@ -18,7 +18,7 @@ from pipeline.app.authoring.poses import BoardPose, CameraField, Wish, poses_tha
 from pipeline.camera.focusing.depth_of_field import foci, focused, view_of
 from pipeline.camera.focusing.focus_request import FocusRequest
 from pipeline.camera.parts.camera import Camera, Sensor
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance
 from pipeline.scene.dataset import Motions
@@ -112,7 +112,7 @@ def test_a_rig_keeps_all_digits_of_what_was_asked(run):
 
 def test_a_rig_that_no_distance_focuses_says_what_to_give(run):
     """Infinity; but microlenses as far from the sensor as their focal length, as Lytro's, have the array in focus."""
-    text = Path(share("stages") / "mlas/michels_2019.usda").read_text(encoding="utf-8")
+    text = Path(shipped_folder("stages") / "mlas/michels_2019.usda").read_text(encoding="utf-8")
     Path("a.usda").write_text(text.replace("[1.9, 2.1, 2.3]", "[1.9]"), encoding="utf-8")
     rig = ("new", "rig", "r.usda", *THIN, "--microlenses", "a.usda", "--microlens-distance", "1.9")
     assert run(*rig, "--focus", "500")[0] == 0
@@ -307,7 +307,7 @@ def test_poses_before_a_shutter_are_held_while_it_is_open(run, micro_s):
 
 def test_more_blur_that_would_allow_no_steeper_tilt_is_no_remedy():
     """Farther than twice the nearest no target stands, however much blur is allowed."""
-    lens = load(share("stages") / "lenses/fisheye_10mm_muller.usda").lens.prescription
+    lens = load(shipped_folder("stages") / "lenses/fisheye_10mm_muller.usda").lens.prescription
     sensor = Sensor(width_px=400, height_px=320, pitch_mm=0.03)
     camera = focused(FocusRequest(prescription=lens, sensor=sensor, focus_distance_mm=500.0))
     board = Target(Checkerboard(columns=8, rows=5, square_mm=60.0))

@@ -22,7 +22,7 @@ class NoPlugIns:
         if name.startswith("pipeline.plugins"):
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, NoPlugIns())
-pipeline.folders.share = pathlib.Path(__file__).parent.joinpath
+pipeline.folders.shipped_folder = pathlib.Path(__file__).parent.joinpath
 """
 """What Python runs before all else: there is no package of plug-ins, and the library is the one beside this file."""
 BUILDS = """import sys, pipeline

@@ -13,7 +13,7 @@ from hostile.values import WITHOUT_VALUES, attempts, type_of
 from pxr import Sdf, Sdr, Usd, UsdGeom
 
 from pipeline import formats
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.scene.load import load
 
 LAMPS = ("CylinderLight", "DiskLight", "DistantLight", "DomeLight", "DomeLight_1", "RectLight", "SphereLight")
@@ -36,7 +36,7 @@ def test_every_attribute_and_relationship_is_tried_with_hostile_values():
     """All of our schemas, all of USD's cameras, meshes, lamps and shaders, all that moves a prim or is said of a whole
     stage; and every export and picture.
     """
-    layer = Sdf.Layer.FindOrOpen(str(share("schemas") / "plenScene/resources/plenScene/schema.usda"))
+    layer = Sdf.Layer.FindOrOpen(str(shipped_folder("schemas") / "plenScene/resources/plenScene/schema.usda"))
     wanted = {prop.name for prim in layer.rootPrims for prop in prim.properties}
     registry = Usd.SchemaRegistry()
     for name in ("Camera", "Mesh", "Material", "Shader", *LAMPS):

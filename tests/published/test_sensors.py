@@ -7,7 +7,7 @@ import pytest
 from pxr import Usd
 from scipy import stats
 
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.render.sensor.response import SensorResponse
 from pipeline.scene.sensor import read_response
 
@@ -32,7 +32,7 @@ def _variance(full_well_e: float, mean: float) -> float:
 
 @pytest.mark.parametrize(("name", "snr_db", "range_db"), PRINTED)
 def test_a_sensor_of_the_library_has_the_printed_figures(name, snr_db, range_db):
-    stage = Usd.Stage.Open(str(share("stages") / "sensors" / f"{name}.usda"))
+    stage = Usd.Stage.Open(str(shipped_folder("stages") / "sensors" / f"{name}.usda"))
     response = read_response(stage.GetDefaultPrim())
     electrons = saturation_capacity(response)
     dark = math.sqrt(response.dark_noise_e**2 + 1 / 12 / response.gain_dn_per_e**2)

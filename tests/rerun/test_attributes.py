@@ -21,7 +21,7 @@ from pipeline.engine.planning.plan import Specs
 from pipeline.engine.records import Blob, Record
 from pipeline.engine.running.driver import run
 from pipeline.engine.store.store import Store
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.scene.load import load
 
 STAGE = (DATA / "every_attribute.usda").read_text(encoding="utf-8")
@@ -113,7 +113,7 @@ def reruns(before: dict[str, str], after: dict[str, str]) -> set[str]:
 
 def test_the_table_holds_every_attribute_of_the_schemas_and_no_other():
     """A new attribute needs a row, for each schema that declares it: which tasks depend on it?"""
-    layer = Sdf.Layer.FindOrOpen(str(share("schemas") / "plenScene/resources/plenScene/schema.usda"))
+    layer = Sdf.Layer.FindOrOpen(str(shipped_folder("schemas") / "plenScene/resources/plenScene/schema.usda"))
     declared = {(prim.name, prop.name) for prim in layer.rootPrims for prop in prim.properties}
     assert {name for _, name in declared} == {name for name in CASES if name.startswith("plen:")}
     stage = Usd.Stage.CreateInMemory()

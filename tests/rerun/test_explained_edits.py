@@ -12,7 +12,7 @@ from pipeline.app.why import with_edits
 from pipeline.engine.planning.explain import describe_task
 from pipeline.engine.planning.plan import plan
 from pipeline.engine.store.store import Store
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 
 TWO = """    def PlenCheckerboard "Two"
     {
@@ -34,7 +34,7 @@ class Desk:
         text = (DATA / "tiny_conventional/dataset.usda").read_text(encoding="utf-8")
         text = text.replace("@../../../stages/rigs/conventional_100mm.usda@", "@rig.usda@")
         self.stage.write_text(text, encoding="utf-8")
-        rig = (share("stages") / "rigs/conventional_100mm.usda").read_text(encoding="utf-8")
+        rig = (shipped_folder("stages") / "rigs/conventional_100mm.usda").read_text(encoding="utf-8")
         self.rig.write_text(rig.replace("@../", "@"), encoding="utf-8")
         self.before = Pretended(self.stage, Store(folder / "store"))
 

@@ -72,9 +72,9 @@ def library_file(path: Any) -> Any:
         return [library_file(part) for part in path]
     if path is None or flaw_of(path) or path.exists() or path.is_absolute():
         return path
-    from pipeline.folders import share
+    from pipeline.folders import shipped_folder
 
-    shipped = share("stages") / path
+    shipped = shipped_folder("stages") / path
     if not shipped.is_file():
         return path
     note(f"{path} of the library: {shipped}")

@@ -12,7 +12,7 @@ from pathlib import Path
 from pxr import Ar, Plug, Sdf, Tf, Usd
 
 from pipeline.errors import EnvironmentFault
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 
 PLUGIN_NAME = "plenScene"
 OUTSIDE_HINT = "mark the folder of the project by an empty file pipeline.toml, or allow a folder with --allow-root"
@@ -21,12 +21,12 @@ _PROJECT_MARKS = ("pyproject.toml", "pipeline.toml", ".git")
 
 def plugin_path() -> str:
     """Folder to put on PXR_PLUGINPATH_NAME, so that any USD program knows the plenScene schemas."""
-    return share("schemas").as_posix()
+    return shipped_folder("schemas").as_posix()
 
 
 def library_path() -> str:
     """Folder of the shipped stages, to put on PXR_AR_DEFAULT_SEARCH_PATH for other USD programs."""
-    return share("stages").as_posix()
+    return shipped_folder("stages").as_posix()
 
 
 def register() -> None:

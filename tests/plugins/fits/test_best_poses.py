@@ -16,7 +16,7 @@ from pipeline.camera.focusing.depth_of_field import focused
 from pipeline.camera.focusing.focus_request import FocusRequest, stopped_down
 from pipeline.camera.parts.camera import Camera, Sensor
 from pipeline.fits.field import field_rays
-from pipeline.folders import share
+from pipeline.folders import shipped_folder
 from pipeline.frames import apply, rigid
 from pipeline.plugins.fits.best_poses import best_of, predicted
 from pipeline.scene.load import load
@@ -97,7 +97,7 @@ def test_the_best_of_many_poses_project_better_by_opencv_s_calibrations_than_the
     """A wide field, whose coefficients corners do tell: 1.7 times better than the first six and 2.7 than six at random
     were found; asked for is half of the gain.
     """
-    lens = load(share("stages") / "lenses/retrofocus_28mm_leica.usda").lens.prescription
+    lens = load(shipped_folder("stages") / "lenses/retrofocus_28mm_leica.usda").lens.prescription
     sensor = Sensor(width_px=640, height_px=480, pitch_mm=0.045)
     camera = stopped_down(focused(FocusRequest(prescription=lens, sensor=sensor, focus_distance_mm=400.0)), 8.0)
     board = Target(Checkerboard(columns=8, rows=5, square_mm=30.0))
