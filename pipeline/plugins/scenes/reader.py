@@ -4,13 +4,13 @@ from collections.abc import Iterator, Set
 
 from pxr import Sdf, Usd
 
+from pipeline.plugins.scenes.reading.lamp_axes import world_from_lamp
 from pipeline.plugins.scenes.reading.lamps import (
     check_lamps,
     check_shone,
     is_lit,
     lamp_prims,
     read_lamp_entry,
-    world_from_lamp,
 )
 from pipeline.plugins.scenes.reading.materials import check_finishes, read_finish
 from pipeline.plugins.scenes.reading.pictures import named_by, read_pictures

@@ -9,6 +9,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.frames import apply
 from pipeline.plugins.scenes.lighting.records import Lamp, Rgb, Shaping
+from pipeline.plugins.scenes.reading.lamp_axes import EVEN, axes_and_scales, flattened_at
 from pipeline.plugins.scenes.reading.pictures import is_picture, name_of, picture_of
 from pipeline.records.shapes import Float64
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
@@ -55,8 +56,6 @@ _FORMATS = ("automatic", "latlong")
 _FAR = ("distant", "dome")
 """Kinds of lamps at infinity, without position or shape."""
 _OFF = 'take it out, or keep it from images with uniform token purpose = "guide"'
-_EVEN = 1e-6
-"""Accepted deviation of scales from each other, and of axes from a right angle [1]: of single precision."""
 _MOST_POINTS = 64
 """Most points of a target at which its lighting is checked."""
 _DIRECTED = "rects, disks and distant lamps shine along their -Z; the front of a target is its +Z"
@@ -124,7 +123,7 @@ def _size(prim: Usd.Prim, time: float) -> tuple[float, float]:
     if _is_point(prim):
         return _POINT_MM, 0.0
     # Disks and cylinders stay round under an uneven scale, and spheres keep their volume.
-    _, (sx, sy, sz) = frame_of(world_from(prim, [time], 1.0)[0])
+    _, (sx, sy, sz) = axes_and_scales(world_from(prim, [time], 1.0)[0])
     mean_scale = sx if sx == sy == sz else (sx * sy * sz) ** (1 / 3)
     scales = {"rect": (sx, sy), "disk": (math.sqrt(sx * sy),), "cylinder": (sx, math.sqrt(sy * sz))}
     unit_mm = stage_mm_per_unit(prim)
@@ -192,40 +191,6 @@ def _size_factor(prim: Usd.Prim, kind: str, area: float, unit_mm: float) -> floa
     return math.pi * (squared if half <= math.pi / 2 else 2.0 - squared) if half > 0 else 1.0
 
 
-def frame_of(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float, float]]:
-    """Unit axes of a transform, (3, 3), at right angles with z kept, and its scales along them."""
-    axes = matrix[:3, :3]
-    x, y, z = (float(np.linalg.norm(axes[:, k])) for k in range(3))
-    scale = float(abs(np.linalg.det(axes)) ** (1 / 3))
-    if not min(x, y, z) > 0 or np.abs(axes.T @ axes / scale**2 - np.eye(3)).max() <= _EVEN:
-        return axes / (scale or 1.0), (scale, scale, scale)
-    forward = axes[:, 2] / z
-    right = axes[:, 0] - forward * (forward @ axes[:, 0])
-    right = right / np.linalg.norm(right)
-    up = np.cross(forward, right) * math.copysign(1.0, float(np.linalg.det(axes)))
-    return np.stack([right, up, forward], axis=1), (x, y, z)
-
-
-def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:
-    """Poses of a lamp at times, without the scale, (n, 4, 4) [mm]."""
-    stack = np.array(world_from(prim, times, unit_mm))
-    stack[:, :3, :3] = [frame_of(matrix)[0] for matrix in stack]
-    return stack @ _POLE_Z if _has_pole_z(prim) else stack
-
-
-_POLE_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
-"""Rotation of a dome from the pole +Y to +Z."""
-
-
-def _has_pole_z(prim: Usd.Prim) -> bool:
-    """Whether the pole of the picture of a dome is its Z axis."""
-    pole = (
-        prim.GetAttribute("poleAxis").Get(Usd.TimeCode.EarliestTime()) if prim.GetTypeName() == "DomeLight_1" else "Y"
-    )
-    up = UsdGeom.GetStageUpAxis(prim.GetStage())
-    return bool(pole == "Z" or (pole == "scene" and up == UsdGeom.Tokens.z))
-
-
 def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
     """Problems of the lamps of a dataset; `wrong` holds the prims with wrong values."""
     stage = root.GetStage()
@@ -244,6 +209,13 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         if any(part * need(prim, "inputs:intensity") < 0 for part in need(prim, "inputs:color")):
             yield not_drawn(prim, f"<{prim.GetPath()}> has a radiance below 0: it counts as 0")
         if isinstance(entry, LampEntry):
+            if flat := flattened_at(prim, frames):
+                message = (
+                    f"the transform of a light flattens it at time code {flat[0]}: it has no shape or no direction"
+                )
+                hint = "no scale may be 0, nor axes lie in one plane; to hide a light at a time, make it invisible"
+                yield problem(prim, "lamp-size", message, hint=hint)
+                continue
             yield from _check_scale(prim, entry.lamp, frames)
             skies += [prim] if entry.lamp.texture and entry.lamp.kind == "dome" else []
             if _is_point(prim):
@@ -261,12 +233,12 @@ def _check_scale(prim: Usd.Prim, lamp: Lamp, frames: tuple[int, ...]) -> Iterato
     if lamp.kind in _FAR:
         return
     stack = world_from(prim, frames, 1.0)
-    _, (x, y, z) = frame_of(stack[0])
+    _, (x, y, z) = axes_and_scales(stack[0])
     unevenness = {"rect": 0.0, "disk": x - y, "cylinder": y - z}.get(lamp.kind, max(x, y, z) - min(x, y, z))
     axes = stack[0][:3, :3] / np.maximum(np.linalg.norm(stack[0][:3, :3], axis=0), 1e-300)
-    moves = any(not np.allclose(frame_of(matrix)[1], (x, y, z), rtol=_EVEN) for matrix in stack[1:])
+    moves = any(not np.allclose(axes_and_scales(matrix)[1], (x, y, z), rtol=EVEN) for matrix in stack[1:])
     bent = np.abs(axes.T @ axes - np.eye(3)).max()
-    if abs(unevenness) > _EVEN * x or bent > _EVEN or moves:
+    if abs(unevenness) > EVEN * x or bent > EVEN or moves:
         message = "the transform of a light scales unevenly, shears, or changes its scale with time"
         a, b = lamp.size
         drawn = f"it is drawn as a {lamp.kind} of {a:.4g} mm" + (f" by {b:.4g} mm" if b else "")
