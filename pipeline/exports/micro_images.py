@@ -81,8 +81,9 @@ class MicroImageGrid:
         """The micro-images that matter, by numbers and types of the grid; ExportError if its types do not repeat so."""
         cells = self.cells(images.microlenses[self.rows])
         our_types = images.types[self.rows]
-        types = self._types(cells, our_types, len(images.focal_lengths_mm))
-        return retyped(replace(images, microlenses=cells, centres=images.centres[self.rows]), types, types[our_types])
+        theirs_by_ours = self._their_type_of_ours(cells, our_types, len(images.focal_lengths_mm))
+        renumbered = replace(images, microlenses=cells, centres=images.centres[self.rows])
+        return retyped(renumbered, theirs_by_ours, theirs_by_ours[our_types])
 
     def mesh(self, images: MicroImages, central: int) -> GridMesh:
         """The regular mesh that fits centres best, by least squares.
@@ -122,24 +123,32 @@ class MicroImageGrid:
         line, along = (l, k) if self.across else (k, l)
         return line, 2 * along + line
 
-    def _types(self, cells: np.ndarray, our_types: np.ndarray, count: int) -> np.ndarray:
-        """Type of libpleno for each of ours, (n,).
+    def _their_type_of_ours(self, cells: np.ndarray, our_types: np.ndarray, count: int) -> np.ndarray:
+        """Type of libpleno for each of our `count` types, (count,); those without a micro-image take what is left.
 
-        Theirs is ((line mod (n - 1)) + index in the line) mod n; lines are columns, but rows in `hexagonal`.
+        Theirs is ((line mod (count - 1)) + index in the line) mod count; lines are columns, but rows in `hexagonal`.
+
+        `cells`, (m, 2): column and row of each micro-image. `our_types`, (m,): its type.
         """
         if count == 1:
             return np.zeros(1, np.int64)
         column, row = cells.T
-        line, index = (row, column) if self.layout == "hexagonal" else (column, row)
+        if self.layout == "hexagonal":
+            line, index, rule = row, column, "((row mod (n - 1)) + column) mod n"
+        else:
+            line, index, rule = column, row, "((column mod (n - 1)) + row) mod n"
         their_types = (line % (count - 1) + index) % count
-        types = np.full(count, -1)
-        types[our_types] = their_types
-        if (types[our_types] != their_types).any() or sorted(types.tolist()) != list(range(count)):
+        theirs_by_ours = np.full(count, -1)
+        theirs_by_ours[our_types] = their_types
+        unused = theirs_by_ours < 0
+        left = np.setdiff1d(np.arange(count), their_types)
+        if (theirs_by_ours[our_types] != their_types).any() or len(left) != np.count_nonzero(unused):
             raise ExportError(
-                "types of these microlenses do not repeat as ((row mod (n - 1)) + column) mod n, as libpleno counts",
+                f"types of these microlenses do not repeat as {rule}, as libpleno counts",
                 hint="three types on a hexagonal lattice do, as (k - l) mod 3",
             )
-        return types
+        theirs_by_ours[unused] = left
+        return theirs_by_ours
 
 
 def retyped(images: MicroImages, numbers: np.ndarray, types: np.ndarray) -> MicroImages:

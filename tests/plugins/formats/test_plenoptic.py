@@ -12,7 +12,7 @@ from plugins.formats.pretended import write_manifest
 from plugins.formats.pretended_plenoptic import PlenopticScene, write_plenoptic_build
 
 from pipeline.exports.export import Request, export
-from pipeline.exports.micro_images import GridMesh
+from pipeline.exports.micro_images import GridMesh, MicroImages, micro_image_grid
 from pipeline.exports.noise import Noise
 from pipeline.formats import Centre, ExportError, format_of, module_of
 from pipeline.results.output import open_output
@@ -123,6 +123,24 @@ def test_types_that_libpleno_cannot_count_are_refused(tmp_path):
     write_manifest(out)
     with pytest.raises(ExportError, match="as libpleno counts"):
         export(open_output(out), ["libpleno"], tmp_path)
+
+
+@pytest.mark.parametrize("seen", [2, 3])
+def test_a_type_without_a_micro_image_in_the_picture_keeps_its_number(seen):
+    """Of a row of types 1, 2, 0 an image shows two or all three; libpleno counts them 0, 1, 2 from the left."""
+    images = MicroImages(
+        layout="hexagonal",
+        microlenses=np.array([(1, 0), (2, 0), (3, 0)]),
+        types=np.array([1, 2, 0]),
+        centres=np.array([(5.0, 5.0), (15.0, 5.0), (25.0, 5.0)]),
+        focal_lengths_mm=np.array([1.9, 2.1, 2.3]),
+        own_types=np.arange(3),
+    )
+    grid = micro_image_grid(images, (10 * seen, 10), np.empty((0, 2), np.int64))
+    renumbered = grid.renumbered(images)
+    assert renumbered.types.tolist() == list(range(seen))
+    assert renumbered.own_types.tolist() == [1, 2, 0]
+    assert renumbered.focal_lengths_mm.tolist() == [2.1, 2.3, 1.9]
 
 
 @pytest.mark.parametrize("scene", ARRAYS, indirect=True)
