@@ -33,7 +33,7 @@ def user_cache() -> Path:
         ) from None
 
 
-def flaw_of(folder: Path, files: Iterable[str] = ()) -> str | None:
+def path_flaw(folder: Path, files: Iterable[str] = ()) -> str | None:
     """Reason why nothing can be read or written under a path, or under these names below it; None if there is none.
 
     Our texts and USD use UTF-8, and a file system limits the number of bytes.

@@ -15,7 +15,7 @@ from typing import Unpack
 
 import pipeline
 from pipeline.engine.events import Compiling, Emit, silent, warner
-from pipeline.engine.files import machine_errors
+from pipeline.engine.files import reporting_machine_faults
 from pipeline.engine.interrupts import Interrupts
 from pipeline.engine.locks import locked
 from pipeline.engine.options import USUAL, BuildKeywords, BuildOptions, Caller
@@ -231,7 +231,7 @@ def compile_once(on_event: Emit = silent, steps: tuple[str, ...] = STEPS, worker
     before_compiling.clear()  # it would wait for this
     if ready(cache_folder()).issuperset(steps):
         return
-    with machine_errors("keep compiled kernels in", cache_folder()):
+    with reporting_machine_faults("keep compiled kernels in", cache_folder()):
         folder = make_folder()
         warn = warner(on_event)
         progress = _reported(folder, steps, workers, on_event)

@@ -43,26 +43,34 @@ def is_machines_fault(error: BaseException) -> bool:
 
 
 @contextlib.contextmanager
-def machine_errors(doing: str, folder: Path, *, needed: Callable[[], int] | None = None) -> Iterator[None]:
-    """Turn a full disk or read-only folder into an `EnvironmentFault`, which states the bytes that `needed` returns."""
+def reporting_machine_faults(
+    doing: str, folder: Path, *, least_bytes: Callable[[], int] | None = None
+) -> Iterator[None]:
+    """Turn errors of the machine (`is_machines_fault`) into an `EnvironmentFault`: cannot `doing` `folder`.
+
+    Of a full disk it states the bytes that are free, and the result of `least_bytes`, which is called then only.
+    """
     try:
         yield
     except OSError as error:
         if not is_machines_fault(error):
             raise
-        hint = "choose another folder, or mend its permissions" if error.errno in _REFUSED else "build again"
         if error.errno in _FULL:
             free = shutil.disk_usage(nearest_existing(folder)).free
-            need = f"at least {needed():,} bytes needed, " if needed else ""
+            need = f"at least {least_bytes():,} bytes needed, " if least_bytes else ""
             hint = f"{need}{free:,} bytes free on that disk"
+        elif error.errno in _REFUSED:
+            hint = "choose another folder, or mend its permissions"
+        else:
+            hint = "build again"
         raise EnvironmentFault(f"cannot {doing} {folder}: {error.strerror}", hint=hint) from error
 
 
 @contextlib.contextmanager
 def chosen_place(doing: str, path: Path) -> Iterator[None]:
-    """`machine_errors` for a path that the user chose, whose folder may not exist."""
+    """`reporting_machine_faults` for a path that the user chose, whose folder may not exist."""
     try:
-        with machine_errors(doing, path):
+        with reporting_machine_faults(doing, path):
             yield
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise EnvironmentFault(f"cannot {doing} {path}: {error.strerror}", hint="choose another place") from error

@@ -174,7 +174,10 @@ def _clip(row, packet, count):
 
 @kernel
 def trace_rays(table, position, direction, alive):
-    """Trace rays in place: (n, 3) points and unit directions, (n,) float64 flags."""
+    """Trace rays in place through a table (surfaces, columns): (n, 3) points [mm] and unit directions.
+
+    `alive`, (n,) float64: 1.0, or 0.0 once blocked; points and directions of blocked rays mean nothing.
+    """
     packet = new_packet()
     for start in range(0, position.shape[0], PACKET):
         count = min(PACKET, position.shape[0] - start)

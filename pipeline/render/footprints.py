@@ -181,15 +181,19 @@ def meet_plane(beams, pose, edge_mm, step_mm, meeting):
 
 
 @inline
-def _margin(points, axis, edge):
-    """Margin of a footprint beyond the box about the rays of a pixel's centre, on every side.
+def _margin(points, axis, edge_steps):
+    """Margin [mm] of a footprint beyond the box about the rays of a pixel's centre, on both sides along an axis of the
+    plane.
 
-    It has two terms: the steepest step between nodes times the edge of the pixel's square, in steps, and a share of the
-    largest third difference, which bounds the error of the cubics.
+    It has two terms: the steepest step between nodes times the edge of the pixel's square, and a part of the largest
+    third difference, which bounds the error of the cubics.
+
+    `points`, (NODES^2, 2, RAYS) [mm]: the intersections of one block.
+    `edge_steps`: the edge of the pixel's square in distances of nodes.
     """
-    slope, last = 0.0, 0.0
-    for along in range(2):
-        stride, line_stride = (1, NODES) if along == 0 else (NODES, 1)
+    steepest_steps, third_differences = 0.0, 0.0  # sums over both directions of the grid of nodes
+    for direction in range(2):
+        stride, line_stride = (1, NODES) if direction == 0 else (NODES, 1)
         steepest, third = 0.0, 0.0
         for line in range(NODES):
             for k in range(RAYS):
@@ -198,9 +202,9 @@ def _margin(points, axis, edge):
                 c, d = points[first + 2 * stride, axis, k], points[first + 3 * stride, axis, k]
                 steepest = max(steepest, max(abs(b - a), max(abs(c - b), abs(d - c))))
                 third = max(third, abs(d - 3.0 * c + 3.0 * b - a))
-        slope += steepest
-        last += third
-    return _SQUARE * edge * slope + _LAST_TERM * last
+        steepest_steps += steepest
+        third_differences += third
+    return _SQUARE * edge_steps * steepest_steps + _LAST_TERM * third_differences
 
 
 @kernel

@@ -268,7 +268,7 @@ def white_parts(rig: Rig, samples: int | Batch, rows: Rows | None = None) -> np.
 
     `samples`: as in `irradiance_and_crosstalk`, of all wavelengths together.
     Returns (2, height, width, wavelengths) float64: each relative to the white scene on the axis in the same light;
-        `in_all` sums them up.
+        `over_wavelengths` is their mean.
     """
     shared = _shared(rig.tracer, batch_of(samples))
     parts = [irradiance_and_crosstalk(in_light, shared, None, rows) for in_light in rig.in_each_light]
@@ -303,7 +303,7 @@ def pictures_in_lights(
     for number, in_light in enumerate(rig.in_each_light):
         views = [scene.in_light(number) for scene in scenes]
         images.append(pictures(in_light, shared, views, np.ascontiguousarray(parts[..., number]), rows, columns))
-    return in_all(rig.tracer, np.stack(images, axis=-1))
+    return over_wavelengths(rig.tracer, np.stack(images, axis=-1))
 
 
 def bands_in_lights(rig: Rig, rows: Rows | None = None, columns: Rows | None = None) -> list[Band]:
@@ -343,7 +343,7 @@ def sampled_in_lights(
         views = [scene.in_light(number) for scene in scenes]
         light = sampled(band, shared, views, parts, decided.reshape(len(scenes), 2, -1), steady)
         images.append(light.sum(axis=1).reshape(-1, *band.shape))
-    return in_all(rig.tracer, np.stack(images, axis=-1))
+    return over_wavelengths(rig.tracer, np.stack(images, axis=-1))
 
 
 def known_in_lights(
@@ -352,7 +352,7 @@ def known_in_lights(
     colour: Float64[np.ndarray, "2 height width wavelengths"],
 ) -> np.ndarray:
     """The part of an image that is colour times white, (h, w); 0 where it is sampled."""
-    return in_all(tracer, np.nansum(colour * own_and_foreign(white), axis=0))
+    return over_wavelengths(tracer, np.nansum(colour * own_and_foreign(white), axis=0))
 
 
 def own_and_foreign(white: Float64[np.ndarray, "2 height width wavelengths"]) -> np.ndarray:
@@ -365,8 +365,10 @@ def _shared(tracer: Tracer, batch: Batch) -> Batch:
     return replace(batch, first=tracer.samples_of_each(batch.first))
 
 
-def in_all(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]) -> np.ndarray:
-    """Sum over wavelengths of images (..., wavelengths), whose reference bundles differ."""
+def over_wavelengths(tracer: Tracer, by_wavelength: Float64[np.ndarray, "... wavelengths"]) -> np.ndarray:
+    """Mean over wavelengths of images (..., wavelengths), weighted by the share of each wavelength in the light times
+    the weight of its reference bundle, to which its image is relative.
+    """
     if by_wavelength.shape[-1] == 1:
         return by_wavelength[..., 0]
     weight = np.array([light.share * light.tracer.reference_weight_sr for light in tracer.lights])

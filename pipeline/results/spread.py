@@ -62,11 +62,11 @@ def figures(camera: str, nominal: Output, members: Sequence[Output]) -> Figures:
 
 
 def _figures_of(record: Json) -> dict[str, float | None]:
-    """Figures in camera.json by name; None where the camera has none."""
+    """Figures in camera.json by name; None where the camera has none, or it is infinite (a string in JSON)."""
     lens = record["lens"]
     fit = (record["pinhole"] or {}).get("with_distortion") or {}
     x_px, y_px = fit.get("principal_point_px") or (None, None)
-    figures_of = {
+    values = {
         "efl_mm": lens.get("efl_mm"),
         "sensor_distance_mm": record.get("sensor_distance_mm"),
         "entrance_pupil_z_mm": (lens.get("entrance_pupil") or {}).get("z_mm"),
@@ -75,9 +75,10 @@ def _figures_of(record: Json) -> dict[str, float | None]:
         "principal_point_x_px": x_px,
         "principal_point_y_px": y_px,
     }
-    if stated := fit.get("distortion"):
-        figures_of |= {**dict.fromkeys(_COEFFICIENTS, 0.0), **dict(zip(_COEFFICIENTS, stated, strict=False))}
-    return {name: value if isinstance(value, float) else None for name, value in figures_of.items()}
+    if coefficients := fit.get("distortion"):
+        values |= dict.fromkeys(_COEFFICIENTS, 0.0)
+        values |= dict(zip(_COEFFICIENTS, coefficients, strict=False))
+    return {name: value if isinstance(value, float) else None for name, value in values.items()}
 
 
 def rows(camera: str, nominal: Output, members: Sequence[Output]) -> dict[str, np.ndarray]:

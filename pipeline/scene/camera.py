@@ -20,7 +20,12 @@ from pipeline.optics.prescription import Prescription
 from pipeline.scene.channels import check_channels, check_formulas, check_wavelength, illuminant_of, read_channels
 from pipeline.scene.dataset import CameraEntry
 from pipeline.scene.lens import index_source, lens_groups, read_prescription
-from pipeline.scene.microlenses import by_type, check_microlens_glass, check_near_microlenses, read_microlenses
+from pipeline.scene.microlenses import (
+    attribute_per_type,
+    check_microlens_glass,
+    check_near_microlenses,
+    read_microlenses,
+)
 from pipeline.scene.sensor import (
     check_exposure,
     has_response,
@@ -211,7 +216,7 @@ def _check_request(camera: Usd.Prim) -> Iterator[Problem]:
         message = f'{camera.GetTypeName()} needs "{_SENSOR}" or "{_FOCUS}"'
         yield problem(camera, "missing-value", message, hint="it has no fallback: write it")
     array = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-    count = len(read(array, by_type(array)) or ()) if array else 0
+    count = len(read(array, attribute_per_type(array)) or ()) if array else 0
     number = read(camera, _TYPE)
     if count and number is not None and number >= count:
         message = f'"{_TYPE}" = {number}, but the array has {count} types, counted from 0'
@@ -223,7 +228,7 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
     try:
         record = read_camera(camera)
     except PipelineError as error:
-        yield of_reader(_blamed(camera, error), error)
+        yield of_reader(_attribute_at_fault(camera, error), error)
         return
     has_both = all(camera.GetAttribute(name).HasAuthoredValue() for name in (_SENSOR, _FOCUS))
     if not is_consistent or has_both != bool(read(camera, _GROUPS)):
@@ -246,16 +251,16 @@ def _check_focus(camera: Usd.Prim, is_consistent: bool) -> Iterator[Problem]:
         yield problem(camera.GetAttribute(step), "out-of-reach", message)
         return
     except PipelineError as error:  # an afocal lens
-        yield of_reader(_blamed(camera, error), error)
+        yield of_reader(_attribute_at_fault(camera, error), error)
         return
     try:
         yield from _check_f_numbers(camera, solved(record))
         yield from _check_microlenses(camera, solved(record))
     except (PipelineError, ArithmeticError) as error:
-        yield of_reader(_blamed(camera, error), error)
+        yield of_reader(_attribute_at_fault(camera, error), error)
 
 
-def _blamed(camera: Usd.Prim, error: PipelineError | ArithmeticError) -> Usd.Prim | Usd.Attribute:
+def _attribute_at_fault(camera: Usd.Prim, error: PipelineError | ArithmeticError) -> Usd.Prim | Usd.Attribute:
     """The attribute to blame for an error of a record; by default the camera."""
     if isinstance(error, PipelineError) and error.code == "distortion":
         return camera.GetAttribute(_DISTORTION)
@@ -316,7 +321,7 @@ def _check_microlenses(camera: Usd.Prim, record: Camera) -> Iterator[Problem]:
             f" {keplerian} mm are not: they look at images on opposite sides of the array"
         )
         prim = target(camera, "plen:camera:microlenses", "PlenMicrolensArray")
-        yield warning(prim.GetAttribute(by_type(prim)), "mixed-microlenses", message)
+        yield warning(prim.GetAttribute(attribute_per_type(prim)), "mixed-microlenses", message)
     for near, far in gaps_mm([focus.depth_of_field_mm for focus in foci(record)]):
         circle = f"circle of confusion {record.circle_of_confusion_px:g} px"
         message = (

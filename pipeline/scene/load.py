@@ -10,7 +10,7 @@ from pxr import Sdf, Tf, Usd, UsdUtils
 
 from pipeline.errors import PipelineError, UsageError
 from pipeline.files.jsonfile import Json
-from pipeline.folders import flaw_of
+from pipeline.folders import path_flaw
 from pipeline.records.declared import arguments_settled
 from pipeline.scene.check.layers import check_numbers
 from pipeline.scene.check.stage import check
@@ -74,7 +74,7 @@ def load(
     """
     allow_roots = tuple(allow_roots)
     for words, folder in (("the path of the stage", path), *(("a further folder", root) for root in allow_roots)):
-        if flaw := flaw_of(Path(folder)):
+        if flaw := path_flaw(Path(folder)):
             raise UsageError(f"{words} {flaw}", hint="give it another name")
     messages = UsdUtils.CoalescingDiagnosticDelegate()  # USD would print what stages hold, even escapes of terminals
     try:

@@ -46,7 +46,7 @@ def microlens_index(prim: Usd.Prim, wavelength_nm: float) -> float:
     return row.medium(glass=glass, index=None, abbe=None, wavelength_nm=wavelength_nm).index(wavelength_nm)
 
 
-def by_type(array: Usd.Prim) -> str:
+def attribute_per_type(array: Usd.Prim) -> str:
     """The attribute of a PlenMicrolensArray with an entry for each type of its microlenses."""
     return "plen:frontRadii" if read(array, "plen:model") == "refractive" else "plen:focalLengths"
 
@@ -113,7 +113,7 @@ def _check_types(array: Usd.Prim) -> Iterator[Problem]:
     period = read(array, "plen:typePeriod")
     if bool(read(array, "plen:typeTable")) != bool(period):
         return  # one without the other is reported elsewhere
-    name = by_type(array)
+    name = attribute_per_type(array)
     is_square = read(array, "plen:layout") == "square"
     count = len(read(array, name) or ())
     if not count:

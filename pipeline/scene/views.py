@@ -31,7 +31,7 @@ from pipeline.motion import Motion
 from pipeline.scene.dataset import CameraEntry, Dataset, Frame
 from pipeline.scene.lens import ordered_surfaces
 from pipeline.scene.losses import check_angles
-from pipeline.scene.microlenses import by_type
+from pipeline.scene.microlenses import attribute_per_type
 from pipeline.scene.sensor import read_sensor
 from pipeline.scene.shutters import moved_ops
 from pipeline.scene.usd.problems import Problem, of_reader, problem, warning
@@ -97,31 +97,35 @@ def check_doubts(stage: Usd.Stage, cameras: tuple[CameraEntry, ...]) -> Iterator
             continue
         try:
             for doubt in doubts(camera):
-                at = _blamed(prim, camera, doubt.part)
+                at = _stating(prim, camera, doubt.part)
                 yield warning(at, doubt.code, doubt.message, hint=doubt.hint)
         except CameraError as error:
-            yield problem(_blamed(prim, camera, "sensor"), "no-chief-ray", error.message, hint=error.hint)
+            yield problem(_stating(prim, camera, "sensor"), "no-chief-ray", error.message, hint=error.hint)
         except ArithmeticError:
             continue  # a pupil on the sensor or at infinity: no figure tells whether that was intended
         yield from check_angles(prim, camera)
 
 
-def _blamed(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:
-    """The prim or the attribute that states a doubtful part of a camera."""
+def _stating(prim: Usd.Prim, camera: Camera, part: str) -> Usd.Prim | Usd.Property:
+    """The prim or the attribute that states a part of a camera; the camera itself where none does.
+
+    `part`: as in `Doubt.part`.
+    """
     lens, sensor, array = (
         target(prim, f"plen:camera:{name}", kind)
         for name, kind in (("lens", "PlenLens"), ("sensor", "PlenSensor"), ("microlenses", "PlenMicrolensArray"))
     )
+    # A stop that is matched to the microlenses is computed: no attribute states it.
     if part == "stop" and read(prim, "plen:camera:stopMatch") != "microlenses":
         return ordered_surfaces(lens)[camera.prescription.stop_index].GetAttribute("plen:semiDiameter")
     if part == "sensor":
         # An override of the stage itself is more likely to be wrong than a file of the library.
         attributes = [sensor.GetAttribute("plen:pixelPitch"), sensor.GetAttribute("plen:resolution")]
         root = prim.GetStage().GetRootLayer()
-        ours = (attribute for attribute in attributes if attribute.GetPropertyStack()[0].layer == root)
-        return next(ours, attributes[0])
+        of_this_stage = (attribute for attribute in attributes if attribute.GetPropertyStack()[0].layer == root)
+        return next(of_this_stage, attributes[0])
     if part == "focal_lengths":
-        return array.GetAttribute(by_type(array))
+        return array.GetAttribute(attribute_per_type(array))
     return {"image": sensor, "microlenses": array, "windows": prim.GetRelationship(WINDOWS)}.get(part, prim)
 
 

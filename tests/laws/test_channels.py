@@ -23,7 +23,7 @@ from pipeline.camera.tracing.moments import WEIGHT
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.glow import GlowingView, TargetLight
-from pipeline.render.imaging import in_all, pictures_in_lights, white_parts
+from pipeline.render.imaging import over_wavelengths, pictures_in_lights, white_parts
 from pipeline.render.spectral.nodes import gauss_nodes, points_of, slices_of
 from pipeline.render.spectral.prints import Print, Spectrum
 from pipeline.render.spectral.spectra import illuminant, reflectance
@@ -156,7 +156,7 @@ def test_a_white_scene_is_the_white_image_in_every_light() -> None:
     white = white_parts(rig, 64)
     scene = TargetLight([], 1.0, [])
     image = pictures_in_lights(rig, 64, [scene], white)[0]
-    np.testing.assert_allclose(image, in_all(rig.tracer, white)[0], rtol=1e-12)
+    np.testing.assert_allclose(image, over_wavelengths(rig.tracer, white)[0], rtol=1e-12)
     middle = image[9, 12]
     assert middle == pytest.approx(1.0, abs=0.01)
 
@@ -180,7 +180,7 @@ def test_images_of_wavelengths_add_by_share_and_reference_bundle() -> None:
     """Light of one wavelength alone: what it has of the white scene in all light."""
     tracer = rig_of(in_light(small(), RED)).tracer
     weight = np.array([share * Tracer(at(small(), nm)).reference_weight_sr for nm, share in RED.items()])
-    np.testing.assert_allclose(in_all(tracer, np.eye(3)), weight / weight.sum(), rtol=1e-12)
+    np.testing.assert_allclose(over_wavelengths(tracer, np.eye(3)), weight / weight.sum(), rtol=1e-12)
 
 
 def test_the_visibility_of_a_channel_is_that_of_its_wavelengths_by_their_light() -> None:

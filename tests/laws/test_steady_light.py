@@ -19,9 +19,9 @@ from pipeline.render.imaging import (
     SceneView,
     bands_in_lights,
     colours_in_lights,
-    in_all,
     known_flux,
     known_white_parts,
+    over_wavelengths,
     pictures_in_lights,
     sampled_in_lights,
     white_parts,
@@ -69,10 +69,10 @@ def test_the_white_image_by_quadrature_is_that_of_many_rays_in_several_wavelengt
     law with 15 degrees of freedom: the mean of 432 squares is 1.15, give or take 0.09."""
     rig = Rig.of(Tracer(in_light(small(), RED), 5))
     seeds = [dataclasses.replace(rig, tracer=dataclasses.replace(rig.tracer, seed=seed)) for seed in range(16)]
-    many = np.array([in_all(one.tracer, white_parts(one, 512)[0]) for one in seeds])
+    many = np.array([over_wavelengths(one.tracer, white_parts(one, 512)[0]) for one in seeds])
     parts = known_white_parts(rig)
     assert parts is not None
-    off, error = many.mean(axis=0) - in_all(rig.tracer, parts[0]), many.std(axis=0, ddof=1) / 4.0
+    off, error = many.mean(axis=0) - over_wavelengths(rig.tracer, parts[0]), many.std(axis=0, ddof=1) / 4.0
     total = many.mean(axis=(1, 2))
     assert abs(off.mean()) < LIT_ERRORS * total.std(ddof=1) / 4.0
     assert np.mean((off / error) ** 2) < 1.7

@@ -4,7 +4,7 @@ import contextlib
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +14,7 @@ import typer.main
 
 from pipeline.entry_points import offered, plugged_in
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
-from pipeline.folders import flaw_of
+from pipeline.folders import path_flaw
 from pipeline.spelling import for_terminals, printable
 
 WRITE, BUILD, LOOK, USE, CARE = "Before a build", "Build", "What was done, and why", "After a build", "Care"
@@ -66,19 +66,23 @@ def project_of(stage: Path, out: Path | None, allow_root: Iterable[str | Path] |
     return project(stage, out, tuple(allow_root or ()))
 
 
-def library_file(path: Any) -> Any:
-    """The path as typed; if there is no such file, that of the shipped library, as `@lenses/...@` finds it."""
-    if isinstance(path, (list, tuple)):
+def library_file(path: Path | Sequence[Path] | None) -> Any:
+    """The path as typed; if there is no such file, that of the shipped library, as `@lenses/...@` finds it. Of several
+    paths a list.
+    """
+    if isinstance(path, Sequence):
         return [library_file(part) for part in path]
-    if path is None or flaw_of(path) or path.exists() or path.is_absolute():
+    if path is None or path_flaw(path):  # with a flaw in completion alone: otherwise `Verb` has refused the path
+        return path
+    if path.exists() or path.is_absolute():
         return path
     from pipeline.folders import shipped_folder
 
-    shipped = shipped_folder("stages") / path
-    if not shipped.is_file():
+    in_library = shipped_folder("stages") / path
+    if not in_library.is_file():
         return path
-    note(f"{path} of the library: {shipped}")
-    return shipped
+    note(f"{path} of the library: {in_library}")
+    return in_library
 
 
 StageOrPart = Annotated[
@@ -112,7 +116,7 @@ class Verb(_PlainFlags, typer.core.TyperCommand):
             hint = "a variable that is not set leaves an empty one"
             raise UsageError(f"an argument is empty: {ctx.command_path} {shlex.join(args)}", hint=hint)
         for arg in args if not ctx.resilient_parsing else ():
-            flaw = flaw_of(Path(arg.partition("=")[2] if arg.startswith("--") else arg))
+            flaw = path_flaw(Path(arg.partition("=")[2] if arg.startswith("--") else arg))
             if not flaw and "\n" in arg:  # it would begin a line of ours
                 flaw = "holds a line break"
             if flaw:

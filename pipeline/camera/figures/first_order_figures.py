@@ -121,19 +121,31 @@ def _lens(camera: Camera, lens: FirstOrder, to_sensor: float) -> Json:
 
 
 def _windows(prescription: Prescription) -> Json:
-    """Positions of the surfaces of windows, outermost first, and the entrance pupil as seen from behind them."""
+    """Surfaces of the windows, outermost first, and the entrance pupil of the lens behind them.
+
+    Vertices are from the centre of the stop in the vision frame [mm]; `axis` points towards the scene. The pupil is
+    that of the lens alone, about which a dome should be concentric.
+    """
     windows, lens = parted(prescription)
     if not windows:
         return {}
-    surfaces = []
-    for surface, z_mm, motion in placed(prescription):
-        vision_from_centred = VISION_FROM_CAMERA @ (np.eye(4) if motion is None else motion)
-        vertex_mm = apply(vision_from_centred, np.array([0.0, 0.0, z_mm]))
-        vectors = {"vertex_mm": vertex_mm, "axis": -vision_from_centred[:3, 2]}
-        pose = {name: (vector + 0.0).tolist() for name, vector in vectors.items()}
-        surfaces.append({**pose, "radius_mm": surface.radius_mm, "index_behind": surface.index})
+    every_surface = []
+    # The lens frame, of vertices and displacements, is that of USD's camera: its z axis runs towards the sensor.
+    for surface, vertex_z_mm, displacement in placed(prescription):
+        vision_from_undisplaced = VISION_FROM_CAMERA @ (np.eye(4) if displacement is None else displacement)
+        vertex_mm = apply(vision_from_undisplaced, np.array([0.0, 0.0, vertex_z_mm]))
+        towards_scene = -vision_from_undisplaced[:3, 2]
+        every_surface.append(
+            {
+                "vertex_mm": (vertex_mm + 0.0).tolist(),  # + 0.0 turns -0.0 into 0.0
+                "axis": (towards_scene + 0.0).tolist(),
+                "radius_mm": surface.radius_mm,
+                "index_behind": surface.index,
+            }
+        )
     figures = [
-        {"name": group.name.removeprefix(MARK), "surfaces": [surfaces[i] for i in group.members]} for group in windows
+        {"name": group.name.removeprefix(MARK), "surfaces": [every_surface[i] for i in group.members]}
+        for group in windows
     ]
     return {"windows": figures, "pupil_behind_windows_mm": first_order(lens).entrance_pupil.z_mm}
 

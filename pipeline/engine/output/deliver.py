@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.engine.files import chosen_place, digest_of, machine_errors, read_regular
+from pipeline.engine.files import chosen_place, digest_of, read_regular, reporting_machine_faults
 from pipeline.engine.locks import locked
 from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles, name_of
@@ -279,7 +279,9 @@ def _is_begun(path: Path, goal: _Goal) -> bool:
 def _disk_errors(out: Path, entries: Mapping[str, Blob]) -> Iterator[None]:
     """Turn errors of the disk, or of interference by other processes, into an `EnvironmentFault`."""
     try:
-        with machine_errors("write to", out, needed=lambda: sum(entry.size for entry in entries.values())):
+        with reporting_machine_faults(
+            "write to", out, least_bytes=lambda: sum(entry.size for entry in entries.values())
+        ):
             yield
     except (FileNotFoundError, FileExistsError, NotADirectoryError, IsADirectoryError) as error:
         raise EnvironmentFault(

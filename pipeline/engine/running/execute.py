@@ -19,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.engine.files import is_machines_fault, machine_errors
+from pipeline.engine.files import is_machines_fault, reporting_machine_faults
 from pipeline.engine.planning.task_code import cached_parsing, check_kind, code_of, edited, module_of
 from pipeline.engine.records import Components, Record, Reply, Run, Spec, as_json
 from pipeline.engine.store.store import DamagedBlob, Store
@@ -231,7 +231,7 @@ def _folder_for_outputs(store: Store) -> Iterator[Path]:
         return 1 + sum(path.lstat().st_size for path in out.rglob("*")) if out else 1
 
     try:
-        with machine_errors("keep results in", store.root, needed=least_bytes):
+        with reporting_machine_faults("keep results in", store.root, least_bytes=least_bytes):
             out = store.new_path()
             out.mkdir()
             yield out
@@ -247,7 +247,7 @@ def _logging(log: Path, store: Store) -> Iterator[None]:
         yield
         return
     try:
-        with machine_errors("keep results in", store.root):
+        with reporting_machine_faults("keep results in", store.root):
             log.parent.mkdir(parents=True, exist_ok=True)
             log.open("w").close()
         with (

@@ -35,7 +35,7 @@ from pipeline.engine.running.result import Ended, Result
 from pipeline.engine.store.store import DamagedBlob, Store
 from pipeline.engine.store.store_folder import store_around
 from pipeline.errors import EnvironmentFault, PipelineError, UsageError
-from pipeline.folders import flaw_of
+from pipeline.folders import path_flaw
 from pipeline.jit.files import cache_folder
 from pipeline.records.plain import from_plain
 
@@ -224,7 +224,7 @@ class _Build:
 
 def _require_place(project: Project) -> None:
     """Refuse an output folder that no build of this stage can fill; for `plan` and `status` as for `build`."""
-    if flaw := flaw_of(project.out, project.files):
+    if flaw := path_flaw(project.out, project.files):
         raise UsageError(f"the path of the output folder {flaw}", hint="choose another folder with -o")
     manifest.read_of(project.out, project.head.get("stage"))
     out = Path(os.path.realpath(project.out))

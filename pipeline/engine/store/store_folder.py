@@ -20,7 +20,7 @@ from pipeline.engine.digest import DIGEST
 from pipeline.engine.files import chosen_place, has_other_names, is_no_file, read_regular
 from pipeline.engine.locks import locked, try_lock
 from pipeline.errors import EnvironmentFault
-from pipeline.folders import flaw_of
+from pipeline.folders import path_flaw
 
 VERSION = b"plenoptic-pipeline store 1\n"
 """Content of the file VERSION. A non-empty folder without it is not a store, and nothing in it is touched."""
@@ -53,7 +53,7 @@ class StoreFolder:
         self.root = root
         self.warn = warn
         self.say_waiting = warn
-        if flaw := flaw_of(self.root):
+        if flaw := path_flaw(self.root):
             raise EnvironmentFault(f"the path of the store {flaw}", hint="set PIPELINE_CACHE to another folder")
         self._workspace: Path | None = None  # made when first needed, removed with this object, or swept later
         with chosen_place("make or use the store", self.root):  # of which another user may let nobody see anything

@@ -41,8 +41,8 @@ def frame(x_mm: float, y_mm: float, z_mm: float, *turns_deg: float) -> np.ndarra
     return rigid(turn.as_matrix(), np.array([x_mm, y_mm, z_mm]))
 
 
-def _position(pose: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The point and the turns of a frame, as `frame` takes them."""
+def _point_and_turns(pose: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The point [mm] and the turns [degrees] of a frame, as `frame` takes them."""
     from scipy.spatial.transform import Rotation
 
     turns_deg = Rotation.from_matrix(pose[:3, :3]).as_euler("XYZ", degrees=True)
@@ -53,29 +53,33 @@ def _position(pose: np.ndarray) -> tuple[tuple[float, ...], tuple[float, ...]]:
 def about_one_axis(path: str | Path, lens: PrintedLens, frames: Sequence[np.ndarray]) -> PrintedLens:
     """The lens with decentres and tilts against the axis that most of its surfaces share, and remarks on these.
 
-    `frames`: those of the surfaces, and of the image plane.
+    A roll about its own axis matters only to a surface that is a cylinder, or whose aperture has widths.
+
+    `frames`: (4, 4) [mm], of each surface and last of the image plane, in any common frame.
     """
 
-    def is_on(axis: np.ndarray, other: np.ndarray) -> bool:
+    def shares_axis(one: np.ndarray, other: np.ndarray) -> bool:
         """Whether the z axis of a frame lies on that of another."""
-        relative = inverse(axis) @ other
+        relative = inverse(one) @ other
         return not np.round([*relative[:2, 3], *relative[:2, 2]], _DIGITS).any()
 
-    axis = max(frames[:-1], key=lambda axis: sum(is_on(axis, other) for other in frames[:-1]))
-    positions = [_position(inverse(axis) @ pose) for pose in frames]
+    common = max(frames[:-1], key=lambda candidate: sum(shares_axis(candidate, other) for other in frames[:-1]))
+    placements = [_point_and_turns(inverse(common) @ pose) for pose in frames]
     surfaces = []
     for i, surface in enumerate(lens.surfaces):
-        (x, y, z), (*tilt_deg, roll_deg) = positions[i]
+        (x, y, z), (*tilt_deg, roll_deg) = placements[i]
         if surface.is_cylinder and roll_deg % 180:
             raise UnreadableLens(path, f"surface {i + 1} is a cylinder, turned about the axis by {roll_deg:g} degrees")
         turned_deg = surface.aperture_rotation_deg + (roll_deg if surface.half_widths_mm else 0.0)
-        gap_mm = round(positions[i + 1][0][2] - z, _DIGITS)
+        gap_mm = round(placements[i + 1][0][2] - z, _DIGITS)
         placed = replace(surface, thickness_mm=gap_mm, decentre_mm=(x, y), tilt_deg=(tilt_deg[0], tilt_deg[1]))
         surfaces.append(replace(placed, aperture_rotation_deg=turned_deg))
-    off = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
-    statement = f"decentred or tilted surfaces: {off}; focal length and pupils are those of the lens with all in line"
-    lost = [Lost(statement)] if off else []
-    (x, y, _), (about_x, about_y, _) = positions[-1]
+    off_axis_count = sum(any((*surface.decentre_mm, *surface.tilt_deg)) for surface in surfaces)
+    lost = list[Lost]()
+    if off_axis_count:
+        effect = "focal length and pupils are those of the lens with all in line"
+        lost.append(Lost(f"decentred or tilted surfaces: {off_axis_count}; {effect}"))
+    (x, y, _), (about_x, about_y, _) = placements[-1]
     if any((x, y, about_x, about_y)):
         statement = (
             f"the image plane is {x:g}, {y:g} mm off the axis, turned by {about_x:g} and {about_y:g} degrees about x, y"

@@ -6,9 +6,8 @@ relative to the mean of the image, known from the first passes over all strips. 
 Pixels whose light comes from one colour are not sampled: they are the white image times that colour (`imaging`).
 """
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -17,14 +16,13 @@ import numpy as np
 
 from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
-from pipeline.camera.tracer import Tracer
-from pipeline.files.exr_bands import BandedPart, write_bands
+from pipeline.files.exr_bands import BandedPart
 from pipeline.files.jsonfile import read_json, write_json
 from pipeline.files.npy import read_npy, write_npy
-from pipeline.files.png import write_png
 from pipeline.jit.work import work
 from pipeline.motion import Shutter
-from pipeline.products.cameras import Inputs, imaged_rig, in_bands, light_file, stacked, tracer_alone
+from pipeline.products.cameras import Inputs, imaged_rig, stacked, tracer_alone
+from pipeline.products.images.files import Rendered, part_of, write_image
 from pipeline.products.images.params import FIRST, OWN, STRIP, Image, Rendering, White
 from pipeline.products.light import Exposure
 from pipeline.products.surroundings import placed_occluder, placed_target, view_at
@@ -33,7 +31,6 @@ from pipeline.render import imaging
 from pipeline.render.glow import GlowingView, TargetLight
 from pipeline.render.imaging import SceneView
 from pipeline.render.pixel_rays import Band, Batch, Rows, joined, noise_of, standard_error
-from pipeline.render.spectral.preview import srgb_preview
 
 WHITE, FOREIGN, PIXELS = "white.npy", "foreign.npy", "pixels.npy"
 MEANS, COLOURS, FACTS = "means.npy", "colours.npy", "facts.json"
@@ -101,14 +98,6 @@ def write_strip(
         work().news = f"noise {noise / level:.2g} after pass {passes}, asked {params.noise:g}"
 
 
-class Rendered(NamedTuple):
-    """An image, (h, w) float64 relative irradiance, with further parts of its file and attributes of the first part."""
-
-    pixels: np.ndarray
-    parts: tuple[BandedPart, ...] = ()
-    labels: Mapping[str, str | float | int] | None = None
-
-
 def image_of_strips(inputs: Inputs, stated_noise: float, replicas: Callable[[int], np.ndarray]) -> Rendered:
     """An image of strips, the roles `tile0`, `tile1`, …; the mean over its replicas.
 
@@ -132,33 +121,24 @@ def image_of_strips(inputs: Inputs, stated_noise: float, replicas: Callable[[int
     return Rendered(np.concatenate(pixels), (error,), labels)
 
 
-def part_of(name: str, pixels: np.ndarray, attributes: dict[str, str | float | int]) -> BandedPart:
-    """A part of a file with one channel, (h, w)."""
-    height, width = pixels.shape
-
-    def rows(first: int, end: int) -> np.ndarray:
-        return pixels[first:end]
-
-    return BandedPart(name=name, shape=(height, width), channels=("Y",), rows=rows, attributes=attributes)
-
-
 def white_tile(params: White, inputs: Inputs, out: Path) -> tuple[np.ndarray, np.ndarray]:
     """Some rows of the image of a white scene, (h, w, wavelengths) float64, and of its part through other microlenses
     than that of the pixel's cell: two arrays, which `white` joins and images read.
     """
     rig = imaged_rig(inputs, params.exposure)
     smooth = imaging.known_white_parts(rig, params.rows) if params.is_smooth else None
-    white, foreign = imaging.white_parts(rig, params.exposure.samples, params.rows) if smooth is None else smooth
-    for name, pixels in ((WHITE, white), (FOREIGN, foreign)):
+    parts = imaging.white_parts(rig, params.exposure.samples, params.rows) if smooth is None else smooth
+    light, through_others = parts
+    for name, pixels in ((WHITE, light), (FOREIGN, through_others)):
         write_npy(out / name, np.ascontiguousarray(pixels))
-    return white, foreign
+    return light, through_others
 
 
 def white_first(params: White, inputs: Inputs, out: Path) -> None:
     """Write the white images of all replicas, (replicas, 2, h, w, wavelengths) as of `white_parts`, and facts."""
     rig = imaged_rig(inputs, params.exposure)
     means = _white_replicas(params, rig, 0)
-    write_first(out, means, imaging.in_all(rig.tracer, means[:, 0]).mean(axis=0))
+    write_first(out, means, imaging.over_wavelengths(rig.tracer, means[:, 0]).mean(axis=0))
 
 
 def white_strip(params: White, inputs: Inputs, out: Path) -> None:
@@ -169,7 +149,7 @@ def white_strip(params: White, inputs: Inputs, out: Path) -> None:
         params,
         inputs,
         lambda number: _white_replicas(params, rig, number),
-        lambda means: imaging.in_all(rig.tracer, means[:, 0]),
+        lambda means: imaging.over_wavelengths(rig.tracer, means[:, 0]),
     )
 
 
@@ -187,25 +167,35 @@ def white(params: White, inputs: Inputs, out: Path) -> None:
     """The image of a white scene, i.e. vignetting and, behind microlenses, micro-images: white.exr and white.png."""
     tracer = tracer_alone(inputs, params.exposure.seed)
     strips = None
-    if params.noise is not None:
+    # Behind each branch: all light, and the part through other microlenses, (h, w, wavelengths) each.
+    if params.noise is not None:  # in strips, each by its own number of passes
+        # Of each strip (replicas, 2, h, w, wavelengths): both arrays in every replica
         means = [read_npy(inputs[f"{STRIP}{strip}"][MEANS]) for strip in range(params.tiles)]
-        strips = image_of_strips(inputs, params.noise, lambda strip: imaging.in_all(tracer, means[strip][:, 0]))
-        white, foreign = np.concatenate(means, axis=2).mean(axis=0)
-    elif params.tiles:
-        white, foreign = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
-    else:
-        white, foreign = white_tile(params, inputs, out)
-    white, foreign = imaging.in_all(tracer, white), imaging.in_all(tracer, foreign)
-    parts: tuple[BandedPart, ...] = () if tracer.camera.microlenses is None else (_crosstalk(white, foreign),)
+        strips = image_of_strips(
+            inputs, params.noise, lambda strip: imaging.over_wavelengths(tracer, means[strip][:, 0])
+        )
+        light, through_others = np.concatenate(means, axis=2).mean(axis=0)
+    elif params.tiles:  # in tiles of rows
+        light, through_others = (stacked(inputs, params.tiles, name) for name in (WHITE, FOREIGN))
+    else:  # in one piece
+        light, through_others = white_tile(params, inputs, out)
+    pixels = imaging.over_wavelengths(tracer, light)
+    pixels_through_others = imaging.over_wavelengths(tracer, through_others)
+    parts: tuple[BandedPart, ...] = ()
+    if tracer.camera.microlenses is not None:
+        parts += (_crosstalk(pixels, pixels_through_others),)
     if strips is not None:
         parts += strips.parts
-    write_image(out, "white", Rendered(white, parts, strips and strips.labels), params.exposure, tracer)
+    labels = strips.labels if strips else None
+    write_image(out, "white", Rendered(pixels, parts, labels), params.exposure, tracer)
 
 
-def _crosstalk(white: np.ndarray, foreign: np.ndarray) -> BandedPart:
-    """The part of white.exr with the share of foreign light in each pixel; NaN where there is no light."""
-    total = float(foreign.sum() / white.sum()) if white.any() else math.nan
-    share = np.divide(foreign, white, out=np.full_like(white, np.nan), where=white > 0)
+def _crosstalk(pixels: np.ndarray, through_others: np.ndarray) -> BandedPart:
+    """The part of white.exr with the share of light through other microlenses in each pixel; NaN where there is none of
+    any.
+    """
+    total = float(through_others.sum() / pixels.sum()) if pixels.any() else math.nan
+    share = np.divide(through_others, pixels, out=np.full_like(pixels, np.nan), where=pixels > 0)
     content = "share of the light that came through another microlens than that of the pixel's cell"
     return part_of("crosstalk", share, {"content": content, "of_all_light": total})
 
@@ -370,31 +360,3 @@ def _from_strips(noise: float, exposure: Exposure, inputs: Inputs) -> Rendered:
         return read_npy(inputs[f"{STRIP}{strip}"][MEANS]) + np.array(unsampled)  # type: ignore[no-any-return]
 
     return image_of_strips(inputs, noise, replicas)
-
-
-def write_image(out: Path, name: str, image: Rendered, exposure: Exposure, tracer: Tracer) -> None:
-    """Write `name`.exr, relative irradiance with its reference in the header, `name`.png, an 8-bit preview, and for
-    tasks that read it an array."""
-    by_area = tracer.camera.weight == "area"
-    measure = "dA in the sampling plane" if by_area else "cos(theta) d omega"
-    attributes = {
-        "content": f"relative irradiance: integral of L {measure} over W_ref",
-        "W_ref_mm2" if by_area else "W_ref_sr": tracer.reference_weight_sr,
-        **labels_of(exposure),
-        **(image.labels or {}),
-    }
-    write_bands(out / f"{name}.exr", [part_of(name, image.pixels, attributes), *image.parts])
-    write_npy(out / light_file(name), image.pixels.astype(np.float32))
-    preview = in_bands(len(image.pixels), lambda first, end: srgb_preview(image.pixels[first:end], 1.0))
-    write_png(out / f"{name}.png", preview)
-
-
-def labels_of(exposure: Exposure) -> dict[str, str | float | int]:
-    """Attributes in the header of an image that describe its rays."""
-    labels = dataclasses.asdict(dataclasses.replace(exposure, channel=None))
-    del labels["channel"]
-    if device := labels.pop("device"):
-        labels["rays"] = f"float32, {device}"
-    if labels.pop("diffraction"):
-        labels["diffraction"] = "of the stop, or of each microlens"
-    return labels if exposure.channel is None else {**labels, "light": exposure.channel.text}

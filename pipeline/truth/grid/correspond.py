@@ -74,7 +74,10 @@ def best_of(
 def _in_quads(
     image: np.ndarray, points: np.ndarray, grid: RayGrid, settings: TruthSettings, searched: slice
 ) -> RawSolutions:
-    """Solutions by the paper's quad search with its filters, in the quads that begin in the rows `searched`."""
+    """Solutions by the paper's quad search with its filters, in the quads that begin in the rows `searched`.
+
+    `image` (h, w, 2) and `points` (n, 2): in the target frame [mm].
+    """
     # Count the quads that contain a point, and list them.
     no_quads = np.empty((0, 3), np.int64)
     quads = np.empty((quad_search.quads_that_hold(image, grid.cell, points, no_quads), 3), np.int64)
@@ -83,8 +86,8 @@ def _in_quads(
     # Filter them, and solve in each.
     status = np.empty(len(quads), np.int64)
     solutions = np.full((len(quads), quad_search.SOLUTION), np.nan)
-    limits = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
-    quad_search.solve_quads(image, grid.cell, points, quads, limits, status, solutions)
+    filters = quad_search.Filter(settings.filter != "none", settings.lambda_d, math.radians(settings.lambda_alpha_deg))
+    quad_search.solve_quads(image, grid.cell, points, quads, filters, status, solutions)
     counts = {
         "quads": len(quads),
         "rejected_window": int(np.sum(status == quad_search.WINDOW)),
@@ -96,27 +99,31 @@ def _in_quads(
     solutions = solutions[accepted]
     # Convert them to positions and derivatives in the image.
     k = grid.supersampling
-    s, t = solutions[:, quad_search.ALONG], solutions[:, quad_search.DOWN]
-    corner = quads[:, 1:] + np.array(grid.first_px) * k
-    column = corner[:, 0] + _from_corner(solutions[:, quad_search.COLUMN], quads[:, 1], s)
-    row = corner[:, 1] + _from_corner(solutions[:, quad_search.ROW], quads[:, 2], t)
-    derivatives = solutions[:, quad_search.BY_COLUMN : quad_search.ALONG]
+    point, column, row = quads.T
+    s, t = solutions[:, quad_search.S], solutions[:, quad_search.T]
+    first_corner = quads[:, 1:] + np.array(grid.first_px) * k
+    x_fine = first_corner[:, 0] + _offset_in_quad(solutions[:, quad_search.COLUMN], column, s)
+    y_fine = first_corner[:, 1] + _offset_in_quad(solutions[:, quad_search.ROW], row, t)
+    by_column_and_row = solutions[:, quad_search.BY_COLUMN : quad_search.S].reshape(-1, 2, 2)
     in_image = Solutions(
-        point=quads[:, 0],
-        cell=grid.cell[quads[:, 2], quads[:, 1]],
-        x_px=image_from_fine(column, k),
-        y_px=image_from_fine(row, k),
-        jacobian=derivatives.reshape(-1, 2, 2).transpose(0, 2, 1) * k,
+        point=point,
+        cell=grid.cell[row, column],
+        x_px=image_from_fine(x_fine, k),
+        y_px=image_from_fine(y_fine, k),
+        # Each derivative becomes a column; k steps of the grid are a pixel.
+        jacobian=by_column_and_row.transpose(0, 2, 1) * k,
+        # Weights of the three values: errors of independent positions add in quadrature.
         noise_gain=np.sqrt((1 - s - t) ** 2 + s**2 + t**2),
     )
     return RawSolutions(in_image, solutions[:, quad_search.DISTANCE], counts)
 
 
-def _from_corner(solution: np.ndarray, corner: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Offsets of solutions from the first corners of their quads, as a step forward or back from the other corner."""
-    # Computed without differences of positions, whose last digits depend on where the window begins.
-    apart = solution - corner
-    return np.where(np.abs(apart - share) <= np.abs(apart - (1 - share)), share, 1 - share)
+def _offset_in_quad(solution: np.ndarray, first_corner: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Offsets of solutions from the first corners of their quads along an axis of the grid, from s (or t) [steps]."""
+    # s starts at the corner whose value is nearest to the point and may run backwards: the offset then is 1 - s. It is
+    # not the difference of positions, whose last digits depend on where the window begins; this only tells which.
+    difference = solution - first_corner
+    return np.where(np.abs(difference - s) <= np.abs(difference - (1 - s)), s, 1 - s)
 
 
 def _by_nearest(

@@ -1,4 +1,5 @@
 """Search for target points in a position image: the paper's quad search with its two filters, and its naive search.
+(CITATION.cff names the paper.)
 
 In a quad with the corner o and steps e_i, e_j the search solves p = J(o) + s (J(o + e_i) - J(o)) + t (J(o + e_j) -
 J(o)) for (s, t).
@@ -17,17 +18,17 @@ from pipeline.jit.decorators import inline, kernel
 ACCEPTED, WINDOW, LENGTHS, ANGLES = range(4)
 """Results for a quad that contains a point. WINDOW: some of the 16 values are missing or in another micro-image."""
 
-COLUMN, ROW, DISTANCE, BY_COLUMN, BY_ROW, ALONG, DOWN, SOLUTION = 0, 1, 2, 3, 5, 7, 8, 9
+COLUMN, ROW, DISTANCE, BY_COLUMN, BY_ROW, S, T, SOLUTION = 0, 1, 2, 3, 5, 7, 8, 9
 """Columns of solutions: position, distance of J there from the point, derivatives of J along column (2) and row (2),
-fractions s and t of a step along both; the last one is their number."""
+s and t, fractions of the steps e_i and e_j from the nearest corner; the last one is their number."""
 
 
 class Filter(NamedTuple):
     """The paper's filters of quads: largest deviations of lengths [1] and angles [rad]."""
 
     is_used: bool
-    lambda_d: float
-    lambda_alpha: float
+    lambda_d: float  # of the distances of neighbours from their mean, over that mean
+    lambda_alpha: float  # of the angles between steps along columns and along rows
 
 
 @inline
@@ -160,7 +161,7 @@ def solve_quads(image, cell, points, quads, limits, status, solutions):
         solutions[n, COLUMN], solutions[n, ROW], solutions[n, DISTANCE] = oi + s * ei, oj + t * ej, best
         solutions[n, BY_COLUMN], solutions[n, BY_COLUMN + 1] = ax * ei, ay * ei
         solutions[n, BY_ROW], solutions[n, BY_ROW + 1] = bx * ej, by * ej
-        solutions[n, ALONG], solutions[n, DOWN] = s, t
+        solutions[n, S], solutions[n, T] = s, t
 
 
 @kernel

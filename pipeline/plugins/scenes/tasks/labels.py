@@ -18,7 +18,7 @@ from pipeline.plugins.scenes.labels.things import LabelledScene, Later
 from pipeline.plugins.scenes.tasks.images import lit_at, lit_view
 from pipeline.plugins.scenes.tasks.params import BOXES, LABELS, PREVIEW, Labels, LabelsTile
 from pipeline.products.cameras import Inputs, imaged_rig
-from pipeline.products.images import make as images
+from pipeline.products.images import files as image_files
 from pipeline.products.surroundings import placed_occluder, placed_target
 from pipeline.render.pixel_rays import Band, Rows
 
@@ -98,7 +98,10 @@ def labels(params: Labels, inputs: Inputs, out: Path) -> None:
         bands = [stacked.rows(first, min(first + _AT_ONCE, height)) for first in range(0, height, _AT_ONCE)]
         return {name: np.concatenate([band[..., column] for band in bands]) for name, column in columns}
 
-    attributes = {"content": "what pixels see, by their light: docs/labels.md", **images.labels_of(params.exposure)}
+    attributes = {
+        "content": "what pixels see, by their light: docs/labels.md",
+        **image_files.labels_of(params.exposure),
+    }
     for matte, things in request.mattes.items():
         attributes |= attributes_of(matte, list(things))
     height, width, _ = stacked.shape
