@@ -50,10 +50,10 @@ class _Columns:
     unknowns times the sizes of their columns. `values`, `basis`: of those that are not, (k,) and (rows, k).
     """
 
-    def __init__(self, columns: np.ndarray, size: np.ndarray, open_below: float = OPEN) -> None:
+    def __init__(self, columns: np.ndarray, size: np.ndarray) -> None:
         self.size = size
         left, values, right = np.linalg.svd(columns / size, full_matrices=False)
-        is_told = values > open_below
+        is_told = values > OPEN
         self.open, self.told = right[~is_told], right[is_told]
         self.values, self.basis = values[is_told], left[:, is_told]
 
@@ -135,11 +135,10 @@ class Linear:
     """Rows near numbers and poses, in units of sigma, as they count: `weight` by Cauchy's loss, 0 of what is not there.
 
     `by_number`, `off`: derivatives (2 n, m) and residuals (2 n,); a row without derivatives, of a bundle in pieces, is
-    0. `views`: none if poses are known. `open_below`: singular value below which a direction of the numbers is open.
+    0. `views`: none if poses are known.
     """
 
-    def __init__(self, slopes: Slopes, residual: np.ndarray, asked: Asked, open_below: float = OPEN) -> None:
-        self._open_below = open_below
+    def __init__(self, slopes: Slopes, residual: np.ndarray, asked: Asked) -> None:
         self.slopes, self.asked, self.weight = slopes, asked, _weights(residual, asked)
         self.is_told = (self.weight > 0) & _tells(slopes)
         self._root = np.where(self.is_told, np.sqrt(self.weight) / asked.sigma_px, 0.0)
@@ -168,7 +167,7 @@ class Linear:
         """Numbers, or some of them, by rows if poses follow, and below these by what holds each, (m,)."""
         held, size = held[of], np.linalg.norm(self.by_number[:, of], axis=0)
         size = np.where(size > 0, size, np.where(held > 0, held, 1.0))
-        return _Columns(np.concatenate([self._reduced[:, :-1][:, of], np.diag(held)]), size, self._open_below)
+        return _Columns(np.concatenate([self._reduced[:, :-1][:, of], np.diag(held)]), size)
 
     def off_with(self, by: np.ndarray, of: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Residuals if poses follow, and below them those of priors at numbers `by`, or some of these."""

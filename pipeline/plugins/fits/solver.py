@@ -22,10 +22,9 @@ _FIRST_DAMPING, _LESS, _MORE = 1e-4, 0.1, 10.0
 SETTLED = 1e-3
 """Change of all rows together by the last step, in sigma, or in what the misfit says that sigma is [1]: no number then
 moves by more than that part of its deviation, and the next step would move it by far less."""
-_CREEP, _HARDLY, _ABOVE = 0.1, 1e-2, 1.1
-"""Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they bend
-within a deviation of the direction that they tell least [1]; its singular value, of numbers by what rows tell where
-poses are known, below which it is open then [1]; and over it the value below which others are open from then on [1]."""
+_CREEP = 0.1
+"""Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they are too
+bent to tell [1]."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
@@ -81,17 +80,14 @@ def solve(
     damping, step, by_step = 0.0, 0, np.zeros(len(by))
     curvature, gradient = np.zeros((len(by), len(by))), np.zeros(len(by))
     residual = problem.residual(by, poses)
-    start, open_below, was = (by, poses, residual), OPEN, np.zeros(len(residual), bool)
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):
-        linear = Linear(problem.slopes(by, poses, residual), residual, asked, open_below)
+        linear = Linear(problem.slopes(by, poses, residual), residual, asked)
         chi2, count = _cost(residual, linear.is_told, by, asked), 2 * linear.is_told.sum()
         tell(f"step {step}: chi squared {chi2:.6g} of {count} coordinates")
-        if not np.array_equal(linear.is_told, was):
-            curvature = np.zeros_like(curvature)  # the gradient of other rows tells nothing of it
-        elif step > 1:
+        if step > 1:
             curvature = _updated(curvature, by_step, linear.gradient(by) - gradient - linear.gradient_change(by_step))
-        gradient, was = linear.gradient(by), linear.is_told
+        gradient = linear.gradient(by)
         with_poses = False
         for _ in range(_TRIES):
             by_step = linear.step(by, damping, curvature)
@@ -116,16 +112,12 @@ def solve(
         if damping == 0 and way < SETTLED * np.sqrt(max(1.0, before / (2 * both.sum()))):
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
-        least = linear.numbers(1 / asked.deviation).values.min(initial=1.0)
-        if damping and least < _HARDLY and before - after < _CREEP * linear.decrement(by - by_step):
-            tell("rows hardly tell a direction of the numbers: it is left open, and the fit begins anew")
-            open_below = _ABOVE * least
-            by, poses, residual = start
-            by_step, curvature, damping = np.zeros(len(by)), np.zeros_like(curvature), 0.0
-            continue
+        if damping and before - after < _CREEP * linear.decrement(by - by_step):
+            ending = "rows hardly tell which way: free less, give tolerances, or leave out boards that face the camera"
+            break
         damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0
     slopes = linear.slopes if converged else problem.slopes(by, poses, residual)
-    return _solution(Linear(slopes, residual, asked, open_below), (by, poses, residual), (step, ending, converged))
+    return _solution(Linear(slopes, residual, asked), (by, poses, residual), (step, ending, converged))
 
 
 def _updated(curvature: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -13,12 +13,10 @@ from places import TINY_PLENOPTIC
 from plugins.fits.planted import (
     INNER,
     OFF,
-    WIDE,
     centres,
     fitted,
     narrow_stage,
     only,
-    posed,
     seen,
     stopped_down,
     table,
@@ -26,7 +24,6 @@ from plugins.fits.planted import (
     wide_stage,
 )
 from scipy.stats import chi2
-from stage_text import edited, in_the_library
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
@@ -153,7 +150,7 @@ def test_opencv_finds_the_same_camera_of_the_same_corners(tmp_path, wide):
 def scattered(folder: Path, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Errors over deviations (s, m), chi squared and what is expected of it (s,), of calibrations with noise."""
     stage, errors, sums = FreeStage(wide_stage(folder, frames=3), INNER), [], []
-    exact = only(seen(stage, OFF, 0.05), slice(None, None, 2))
+    exact = seen(stage, OFF, 0.05)
     for seed in range(seeds):
         noise_px = np.random.default_rng(seed).normal(scale=0.05, size=exact.x_px.shape)
         twin = fitted(stage, replace(exact, x_px=exact.x_px + noise_px), folder)
@@ -303,8 +300,8 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     assert any("is the pixel origin right?" in doubt for doubt in told.doubts)
     np.testing.assert_allclose(told.mistakes[0][:2], -0.5, atol=0.02)
     untold = fitted(FreeStage(narrow.path, []), off, tmp_path)
-    held = fitted(stage, off, tmp_path)  # a radius that a narrow field hardly tells
-    assert held.solution.converged and held.solution.by == 0 and held.solution.open_directions.tolist() == [[1.0]]
+    astray = fitted(stage, off, tmp_path)  # a radius that a narrow field does not tell
+    assert "rows hardly tell which way" in astray.solution.ending and "did not converge" in astray.doubts[0]
     assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.untold)
 
 
@@ -329,20 +326,6 @@ def test_what_rows_leave_open_is_named_and_not_moved(tmp_path, wide):
     np.testing.assert_allclose(twin.solution.by[1:], [0.5, 0.2], atol=1e-6)
     (direction,) = twin.solution.open_directions
     assert abs(direction[0]) == 1.0 and np.abs(direction[1:]).max() < 1e-3
-
-
-@pytest.mark.heavy
-def test_coefficients_of_distortion_that_a_narrow_field_hardly_tells_are_named_and_not_moved(tmp_path):
-    """Three degrees: k3 would be known to ten millions, and rows are not straight so far."""
-    board = f"uniform double plen:squareSize = 1.5\n{posed(3, 432.0, 6.0)}"
-    text = in_the_library("", board=board, rig=edited(WIDE, ("0.2", "0.01")), end=3)
-    (tmp_path / "narrow.usda").write_text(text, encoding="utf-8")
-    stage = FreeStage(tmp_path / "narrow.usda", INNER)
-    twin = fitted(stage, seen(stage, np.zeros(8), 0.1, seed=1), tmp_path)
-    is_told = np.isfinite(twin.solution.deviation)
-    assert twin.solution.converged and twin.doubts == []
-    assert not is_told[4] and abs(twin.solution.open_directions[0, 4]) == 1
-    assert is_told[2:4].all() and np.abs(twin.solution.by / twin.solution.deviation)[is_told].max() < 4
 
 
 def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(tmp_path, narrow, exact):
