@@ -316,26 +316,29 @@ def _pose(
     """The pose drawn by six numbers in [0, 1) in the image of camera `index`, after a retreat of `_RETREATS`.
 
     The numbers are the position of the target's middle across and down the image, its depth, the angle of its tilt, the
-    direction of the tilt's axis, and a turn about the target's normal. None if a camera sees too little of the target.
+    direction of the tilt's axis, and a turn about the target's normal. `needs_margin`: only points whose surroundings
+    lie in the image count. None if a camera sees too little of the target, or not sharply.
     """
     field = fields[index]
     across, down, deep, tilted, axis_share, turned = numbers
-    pull, lean, away = retreat
+    kept_offset, kept_tilt, towards_far = retreat
     near, far = field.depth_mm
     middle = field.middle_px
     # Between three quarters of the largest tilt and all of it: steep tilts tell the principal distance from the
     # distance of the target.
-    tilt = lean * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
-    # The depth is drawn where the tilted target stays sharp from its nearest to its farthest point.
+    tilt = kept_tilt * (3 + tilted) / 4 * math.radians(min(field.steepest_deg, field.wish.most_tilt_deg))
+    # The depth is drawn where the tilted target stays sharp from its nearest to its farthest point; the steepest tilt
+    # of a field leaves some of its depth for that.
     reach = field.radius_mm * math.sin(tilt)
-    z = near + reach + (deep + away * (1 - deep)) * (far - near - 2 * reach)
-    centre, axes = field.object_point(middle + pull * (2 * np.array([across, down]) - 1) * (middle + 0.5), z)
-    if len(fields) > 1:  # the pull is towards the middle of the common field
+    z = near + reach + (deep + towards_far * (1 - deep)) * (far - near - 2 * reach)
+    drawn_px = middle + kept_offset * (2 * np.array([across, down]) - 1) * (middle + 0.5)
+    centre, axes = field.object_point(drawn_px, z)
+    if len(fields) > 1:  # what is not kept of the offset leads to the middle of the common field
         middles = [
             apply(field.vision_from_first @ inverse(other.vision_from_first), other.object_point(other.middle_px, z)[0])
             for other in fields
         ]
-        centre[:2] += (1 - pull) * (np.mean(middles, axis=0) - field.object_point(middle, z)[0])[:2]
+        centre[:2] += (1 - kept_offset) * (np.mean(middles, axis=0) - field.object_point(middle, z)[0])[:2]
     if np.isnan(centre).any() or far <= near:
         return None
     tilt_axis = np.array([math.cos(2 * math.pi * axis_share), math.sin(2 * math.pi * axis_share), 0.0])

@@ -3,6 +3,8 @@
 Rows near the rim of a micro-image bend, and what noise leaves of them then bends chi squared: straight steps converge
 slowly, or overshoot for ever. The curvature of this part, r H of residuals r with second derivatives H, is learnt from
 the change of the gradient at each step (J. E. Dennis, D. M. Gay, R. E. Welsch, ACM TOMS 7, 1981, 348), of the numbers.
+While the misfit still falls fast, what was learnt is of residuals that are gone, and straight steps are the best: a
+step that makes chi squared much smaller forgets it (R. Fletcher, C. Xu, IMA J. Numer. Anal. 7, 1987, 371).
 """
 
 from collections.abc import Callable
@@ -25,6 +27,9 @@ moves by more than that part of its deviation, and the next step would move it b
 _CREEP = 0.1
 """Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they are too
 bent to tell [1]."""
+_FALLS = 0.2
+"""Decrease of chi squared by a step, over itself, from which on the next one takes rows as straight [1]: of Fletcher
+and Xu."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
@@ -80,12 +85,15 @@ def solve(
     damping, step, by_step = 0.0, 0, np.zeros(len(by))
     curvature, gradient = np.zeros((len(by), len(by))), np.zeros(len(by))
     residual = problem.residual(by, poses)
+    before, after = np.inf, 0.0
     ending, converged = f"{_STEPS} steps were not enough", False
     for step in range(1, _STEPS + 1):
         linear = Linear(problem.slopes(by, poses, residual), residual, asked)
         chi2, count = _cost(residual, linear.is_told, by, asked), 2 * linear.is_told.sum()
         tell(f"step {step}: chi squared {chi2:.6g} of {count} coordinates")
-        if step > 1:
+        if after < (1 - _FALLS) * before:
+            curvature = np.zeros_like(curvature)
+        else:
             curvature = _updated(curvature, by_step, linear.gradient(by) - gradient - linear.gradient_change(by_step))
         gradient = linear.gradient(by)
         with_poses = False

@@ -53,6 +53,10 @@ def _reads(draft: Draft, entry: CameraEntry, frame: Frame) -> dict[str, str]:
 
 
 def _table(entry: CameraEntry, frame: Frame) -> TruthTable:
+    """Parameters of a table, for the key of its task and for its header.
+
+    What cannot change a row of it is left out, so that changing it computes nothing anew.
+    """
     return TruthTable(
         frame=frame.number,
         camera=entry.name,

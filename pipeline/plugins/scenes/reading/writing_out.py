@@ -54,8 +54,10 @@ def write_out(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
 
 
 def _instancers(stage: Usd.Stage) -> Iterator[Usd.Prim]:
-    """Point instancers that are drawn: none of a prototype, which its instances repeat, and none for viewers alone, as
-    the microlenses in the dataset.usda of a build are.
+    """Point instancers that are drawn: none for viewers alone, as the microlenses in the dataset.usda of a build are.
+
+    Below one that is not written out yet lie its prototypes alone, which its instances repeat. Once it is, instancers
+    below it count, too, and the prims that stand for its instances may hold further ones: `write_out` asks anew.
     """
     prims = iter(Usd.PrimRange(stage.GetPseudoRoot()))
     for prim in prims:
