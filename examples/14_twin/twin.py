@@ -21,7 +21,7 @@ from pipeline.plugins.fits.observations import Stated
 from pipeline.plugins.fits.real_images import found_images
 from pipeline.plugins.fits.twin import Twin, calibrate, document
 from pipeline.plugins.fits.twin_page import page
-from pipeline.scene.tolerances import drawn
+from pipeline.scene.tolerances import layer_of_member
 
 STAGE = Path(__file__).resolve().parent / "dataset.usda"
 COLUMNS, ROWS = 7, 4
@@ -57,7 +57,7 @@ def main() -> None:
 def planted(stage: Path, folder: Path) -> dict[str, float]:
     """Draw the real camera by the tolerances of a stage, and build its images; its errors, by number."""
     real = folder / "real.usda"
-    text, errors = drawn(stage, 1, real)
+    text, errors = layer_of_member(stage, 1, real)
     real.write_text(text, encoding="utf-8")
     built(real, folder / "real")
     return {error.name: error.error for error in errors}
