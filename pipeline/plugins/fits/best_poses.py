@@ -1,4 +1,4 @@
-"""What poses of a target tell a calibration of cameras, and selection of the most informative ones.
+"""Information that poses of a target give a calibration of cameras, and selection of the most informative ones.
 
 A set of poses is rated by the mean variance of projections over image and depth of field (I-optimality), by OpenCV's
 five coefficients, or by a fisheye model for very wide lenses. Poses are exchanged one by one while that gains, as by
