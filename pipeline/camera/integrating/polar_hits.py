@@ -64,14 +64,8 @@ def bundle_hits(
     # only if the nodes of all lie about one point, in the same directions.
     region_of_middle = inner_points(arrays, positions_mm[[n // 2]], microlens_of_position[:1])
     bundles = bounded(arrays, positions_mm, microlens_of_position)
-    if np.isnan(region_of_middle.centres).any() or (bundles.counts < 3).any():
-        no_hits = np.full((n, least_directions, len(radial_fractions)), np.nan)
-        return Hits(
-            on_plane=np.stack([no_hits, no_hits], axis=-1),
-            density_sr=no_hits,
-            angle_to_next_rad=no_hits[0, :, 0],
-            is_star_shaped=np.zeros(n, bool),
-        )
+    if np.isnan(region_of_middle.centres).any() or (bundles.counts < 3).any():  # a polygon has three vertices at least
+        return _no_hits(n, least_directions, len(radial_fractions))
     # Without a microlens the region moves along with the position, by the drift of the outlines.
     drift = arrays.optics.drift if microlens == NO_MICROLENS else 0.0
     bundles.centres[:] = region_of_middle.centres + drift * (bundles.positions - region_of_middle.positions)
@@ -98,7 +92,7 @@ def bundle_hits(
     position_of_node = np.repeat(position_of_ray, len(radial_fractions))
     rays = bundles.positions, microlens_of_position, position_of_node, points.reshape(-1, 2)
     edge_kernels.hits(arrays, planes, *rays, hit)
-    edge_kernels.hits.count(len(hit.density), len(arrays.table))
+    edge_kernels.hits.count(len(hit.density), len(arrays.table))  # of the work that is told
     # Accept regions that are star-shaped; scale densities to the unit disc.
     all_pass = hit.passes.reshape(shape).all(axis=(1, 2))
     nothing_beyond = bundles.nothing_beyond(position_of_ray, along, radius, polygon_radius)
@@ -108,6 +102,17 @@ def bundle_hits(
         density_sr=density,
         angle_to_next_rad=angle_to_next,
         is_star_shaped=agrees_with_boundary & all_pass & nothing_beyond,
+    )
+
+
+def _no_hits(positions: int, directions: int, radii: int) -> Hits:
+    """Hits of positions of which one is dark."""
+    nothing = np.full((positions, directions, radii), np.nan)
+    return Hits(
+        on_plane=np.stack([nothing, nothing], axis=-1),
+        density_sr=nothing,
+        angle_to_next_rad=nothing[0, :, 0],
+        is_star_shaped=np.zeros(positions, bool),
     )
 
 

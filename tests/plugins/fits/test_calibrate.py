@@ -140,7 +140,7 @@ def test_opencv_finds_the_same_camera_of_the_same_corners(tmp_path, wide):
         boards, images, (640, 480), start, None, flags=flags, criteria=(3, 500, 1e-16)
     )
     ours = pinhole(wide.at(twin.solution.by).cameras[0].camera).distorted
-    assert twin.solution.converged
+    assert twin.solution.converged and twin.solution.steps <= 5  # near exact rows Gauss-Newton needs no more
     np.testing.assert_allclose(ours.principal_distance_px, matrix[0, 0], rtol=1e-6)
     np.testing.assert_allclose(ours.principal_point_px, matrix[:2, 2], rtol=1e-6)
     np.testing.assert_allclose(ours.distortion, distortion.ravel(), rtol=0, atol=1e-6 * np.abs(distortion).max())
