@@ -26,7 +26,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing.bundle_kernels import image_rays
-from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.jit.binding import Single, bound_anew
@@ -131,8 +131,8 @@ def moved(name: str, rows: tuple[int, int]) -> Moved:
     rig, samples = rig_of(name)
     camera, squares = rig.tracer.camera, _squares(Band.of(rig, rows), samples)
     random = Samples(sobol_bits(samples), rig.tracer.seed, camera.sensor.pitch_mm)
-    room = room_for(int(squares.counts.sum()))
-    double = room.first(image_rays(rig.tracer.arrays, random, squares, rig.diffraction, room))
+    leaving = Leaving.empty(int(squares.counts.sum()))
+    double = leaving.first(image_rays(rig.tracer.arrays, random, squares, rig.diffraction, leaving))
     both = double, single_leaving(rig.tracer.arrays, random, squares, rig.diffraction)
     passed = [np.bincount(one.owner, minlength=squares.counts.size) for one in both]
     kept = passed[0] == passed[1]  # owners whose rays are the same ones

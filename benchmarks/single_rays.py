@@ -17,7 +17,6 @@ from pipeline.camera.tracing.records import (
     Samples,
     SensorPoints,
     Squares,
-    room_for,
 )
 from pipeline.camera.tracing.sampling_bounds import new_region
 from pipeline.jit.binding import bound_anew, in_single
@@ -27,7 +26,7 @@ from pipeline.optics.kernels import SCRATCH, Packet
 
 def single_leaving(camera: CameraArrays, samples: Samples, squares: Squares, diffraction: Diffraction) -> Leaving:
     """The rays that leave the camera, as those of `image_rays` on processors."""
-    room, rays = room_for(int(squares.counts.sum())), np.zeros((7, int(squares.counts.sum())), np.float32)
+    leaving, rays = Leaving.empty(int(squares.counts.sum())), np.zeros((7, int(squares.counts.sum())), np.float32)
     started = on_device.Started.of(squares.counts)
     aims, single = np.zeros((4, 1)), np.zeros((10, 1), np.float32)
     buffers = (
@@ -37,7 +36,7 @@ def single_leaving(camera: CameraArrays, samples: Samples, squares: Squares, dif
         Packet(*single[:7], np.zeros((SCRATCH, 1), np.float32), single[7]),
     )
     _traced()((camera, in_single(camera)), (samples, squares, diffraction), started, *buffers, rays)
-    return room.first(on_device.leaving_rays(rays, 0, squares.counts, room))
+    return leaving.first(on_device.leaving_rays(rays, 0, squares.counts, leaving))
 
 
 @functools.cache

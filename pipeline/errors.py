@@ -1,8 +1,10 @@
-"""Base classes of the errors that users see. Each error carries its facts and says how to mend it.
+"""Base classes of the errors that users see, and warnings. Each error carries its facts and says how to mend it.
 
 Each room derives its own errors from these, where it raises them; this module does not grow with them.
 """
 
+import functools
+import sys
 from enum import IntEnum
 
 
@@ -58,3 +60,9 @@ class EnvironmentFault(PipelineError):
     """A fault of the machine: full disk, read-only folder, other versions (exit code 5)."""
 
     exit_code = Exit.MACHINE
+
+
+@functools.cache
+def warn_once(text: str) -> None:
+    """Warn on stderr, once in a process: of a command, or in the log of the task that met the damage."""
+    print(f"warning: {text}", file=sys.stderr, flush=True)

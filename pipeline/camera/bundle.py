@@ -9,7 +9,7 @@ from pipeline.camera.parts.errors import CameraError
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Samples, Squares, no_diffraction, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares, no_diffraction
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.declared import integer, number
 from pipeline.records.shapes import Float64
@@ -84,7 +84,7 @@ def bundle_behind(
     squares = Squares(pixel, position, np.array([[microlens]]), np.array([[samples]]), np.array([[0]]))
     bundles = []
     for share, traced in tracer.lights:
-        rays = room_for(samples)
+        rays = Leaving.empty(samples)
         random = Samples(sobol_bits(samples), traced.seed, 0.0)
         count = bundle_kernels.image_rays(traced.arrays, random, squares, no_diffraction(), rays)
         origin, direction, weight, _ = rays.first(count)

@@ -28,7 +28,7 @@ from pipeline.camera.tracing.sampling_bounds import Region, bound
 from pipeline.errors import EnvironmentFault
 from pipeline.jit.binding import Single, in_single
 from pipeline.jit.decorators import inline, kernel
-from pipeline.jit.device import DeviceKernel, cuda, fetched, require_device, resident, room
+from pipeline.jit.device import DeviceKernel, cuda, fetched, require_device, resident, unfilled
 from pipeline.optics.kernels import SCRATCH, Packet
 from pipeline.records.shapes import Float32, Float64, Int64
 
@@ -63,7 +63,7 @@ def sum_bundles(camera, planes, samples, starts, moments):
     packet, aims = _packet_of(rays, scratch), Aims(rays[0], rays[1], rays[8], rays[9], scratch)
     microlens = starts.microlens[n]
     row = n if planes.shape[0] > 1 else 0
-    started = False
+    has_pivot = False
     anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
     count = samples.bits.shape[1]
     crossing, weight, alive = of_samples[:4], of_samples[4], of_samples[5]
@@ -77,10 +77,10 @@ def sum_bundles(camera, planes, samples, starts, moments):
                 send_packet(camera, microlens, SensorPoints(rays[8], rays[9]), 1, packet)
                 cross_packet(planes[row, 0], planes[row, 1], packet, 0, 1, crossing[:, i:])
                 weight[i], alive[i] = packet.weight[0], packet.alive[0]
-            started = started or set_pivot(crossing, alive, 0, size, pivot)
-            if started:
+            has_pivot = has_pivot or set_pivot(crossing, alive, 0, size, pivot)
+            if has_pivot:
                 accumulate(crossing, weight, alive, 0, size, pivot, sums[r], total)
-    if started:
+    if has_pivot:
         finish(sums, total, pivot, fan.area / (count * REPLICAS), moments[n])
 
 
@@ -105,7 +105,7 @@ def moments_on_device(
     for first in range(0, len(moments), _AT_ONCE):
         batch = slice(first, first + _AT_ONCE)
         device_starts = resident(starts.part(batch))
-        device_moments = room(moments[batch].shape)
+        device_moments = unfilled(moments[batch].shape)
         device_planes = resident(planes[batch] if has_own_planes else planes)
         sum_bundles(
             _blocks(len(device_moments)), _THREADS, camera, device_planes, samples, device_starts, device_moments
@@ -194,7 +194,7 @@ class ImageRays:
     def started(self, squares: Squares) -> Float32[np.ndarray, "7 rays"]:
         """All rays from squares, in the order of squares, microlenses and samples, for `leaving_rays`."""
         started = Started.of(squares.counts)
-        rays = room((_COLUMNS, int(squares.counts.sum())), np.float32)
+        rays = unfilled((_COLUMNS, int(squares.counts.sum())), np.float32)
         if rays.size:
             light = self._samples, resident(squares), self._diffraction
             trace_squares(_blocks(len(started.owner)), _THREADS, self._cameras, *light, resident(started), rays)

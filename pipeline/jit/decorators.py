@@ -222,25 +222,30 @@ def _make_callable(kernel: Kernel) -> None:
     from numba import extending, types
 
     def call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        pointer, size, module = ir.IntType(8).as_pointer(), ir.IntType(64), builder.module
+        module = builder.module
+        pointer = ir.IntType(8).as_pointer()
+        size = ir.IntType(64)
 
-        def variable(kind: Any, value: Any) -> Any:
-            made = ir.GlobalVariable(module, kind, module.get_unique_name(kernel.name))
-            made.linkage, made.initializer = "internal", ir.Constant(kind, value)
-            return made
+        def internal(kind: Any, value: Any) -> Any:
+            variable = ir.GlobalVariable(module, kind, module.get_unique_name(kernel.name))
+            variable.linkage = "internal"
+            variable.initializer = ir.Constant(kind, value)
+            return variable
 
         name = bytearray(pickle.dumps((kernel._home, signature.args)))
-        slot = variable(pointer, None)
-        kept, before = builder.load(slot), builder.block
+        slot = internal(pointer, None)
+        kept = builder.load(slot)
+        start = builder.block
         with builder.if_then(builder.icmp_unsigned("==", kept, ir.Constant(pointer, None)), likely=False):
             find = module.globals.get(_FIND) or ir.Function(
                 module, ir.FunctionType(pointer, [pointer, size, pointer]), _FIND
             )
-            text = builder.bitcast(variable(ir.ArrayType(ir.IntType(8), len(name)), name), pointer)
-            found, after = builder.call(find, [text, size(len(name)), builder.bitcast(slot, pointer)]), builder.block
+            text = builder.bitcast(internal(ir.ArrayType(ir.IntType(8), len(name)), name), pointer)
+            found = builder.call(find, [text, size(len(name)), builder.bitcast(slot, pointer)])
+            search = builder.block
         address = builder.phi(pointer)
-        address.add_incoming(kept, before)
-        address.add_incoming(found, after)
+        address.add_incoming(kept, start)
+        address.add_incoming(found, search)
         result = context.get_value_type(signature.return_type)
         function = ir.FunctionType(result, [argument.type for argument in arguments]).as_pointer()
         return builder.call(builder.bitcast(address, function), arguments)

@@ -28,7 +28,8 @@ cuda: Any = DeviceNames()
 class DeviceKernel:
     """A function that one thread of a device runs; launched with numbers of blocks and of threads in each.
 
-    Arrays from `resident` and `room` stay where they are; others would travel to the device and back at each launch.
+    Arrays from `resident` and `unfilled` stay where they are; others would travel to the device and back at each
+    launch.
     """
 
     def __init__(self, function: Callable[..., None]) -> None:
@@ -53,18 +54,18 @@ class DeviceKernel:
         names = {
             "fma": compiled(lambda a, b, c: module.fma(a, b, c)),
             "cuda": module,
-            "max": compiled(_greater),
-            "min": compiled(_less),
+            "max": compiled(_larger),
+            "min": compiled(_smaller),
         }
         return bound_anew(self.function, compiled, **names)
 
 
-def _greater(a, b):  # type: ignore[no-untyped-def]
+def _larger(a, b):  # type: ignore[no-untyped-def]
     """The greater of two numbers, the first if one is not a number: Numba's own CUDA lacks `max`, and `min`."""
     return b if b > a else a
 
 
-def _less(a, b):  # type: ignore[no-untyped-def]
+def _smaller(a, b):  # type: ignore[no-untyped-def]
     return b if b < a else a
 
 
@@ -78,7 +79,7 @@ def resident(value: Any) -> Any:
     return value
 
 
-def room(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
+def unfilled(shape: int | tuple[int, ...], kind: Any = np.float64) -> Any:
     """An array on the device, not filled."""
     if is_simulated():
         return np.empty(shape, kind)
@@ -143,9 +144,9 @@ def device_name() -> str:
 
 def require_device(name: str) -> None:
     """EnvironmentFault for a device other than that of a name, under which results are kept, or for none."""
-    ours = device_name()
-    if ours != name:
-        raise EnvironmentFault(f"this is for {name}, and here is {ours}", hint="build anew, with --device or without")
+    here = device_name()
+    if here != name:
+        raise EnvironmentFault(f"this is for {name}, and here is {here}", hint="build anew, with --device or without")
 
 
 def is_simulated() -> bool:

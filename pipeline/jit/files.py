@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from pipeline.errors import EnvironmentFault
+from pipeline.errors import EnvironmentFault, warn_once
 from pipeline.folders import user_cache
 from pipeline.machine.processor import level
 
@@ -30,15 +30,6 @@ _DECORATED = re.compile(rb"^@(kernel|opaque|unit|inline)$", re.MULTILINE)
 _IMPORTED = re.compile(rb"^(?:from|import) (pipeline[\w.]*)", re.MULTILINE)
 _READY = ".ready"
 """Ending of a file's name that says which kernels are all there."""
-
-_warned: set[str] = set()
-
-
-def say(text: str) -> None:
-    """Warn on stderr, once in a process: of a command, or in the log of the task that met the damage."""
-    if text not in _warned:
-        _warned.add(text)
-        print(f"warning: {text}", file=sys.stderr, flush=True)
 
 
 def cache_folder() -> Path:
@@ -74,7 +65,7 @@ def make_folder() -> Path:
     if _is_private(folder):
         shutil.copytree(folder, stand_in)
     else:
-        say(f"cannot keep compiled kernels in {folder}, so that each run compiles them; {REMEDY}")
+        warn_once(f"cannot keep compiled kernels in {folder}, so that each run compiles them; {REMEDY}")
         stand_in.mkdir()
     os.environ[_HOME] = str(home)
     return stand_in
@@ -125,12 +116,12 @@ def _digest() -> str:
 
     compilers = " ".join(f"{name} {version(name)}" for name in ("numba", "llvmlite"))
     digest = hashlib.sha256(f"{sys.version} {level()} {compilers}".encode())
-    for path, source in sorted(_reached(_PACKAGE).items()):
+    for path, source in sorted(_sources_of_kernels(_PACKAGE).items()):
         digest.update(f"\0{path}\0{len(source)}\0".encode() + source)
     return digest.hexdigest()[:16]
 
 
-def _reached(package: Path) -> dict[Path, bytes]:
+def _sources_of_kernels(package: Path) -> dict[Path, bytes]:
     """Files with kernels, and those from whose modules their globals may come; all of a package that is imported."""
     sources = {path: path.read_bytes() for path in package.rglob("*.py")}
     reached, todo = dict[Path, bytes](), [path for path, source in sources.items() if _DECORATED.search(source)]
@@ -148,6 +139,6 @@ def _is_private(folder: Path) -> bool:
     """Whether something is a folder into which only this user, or the administrator, can have put anything."""
     with contextlib.suppress(OSError):
         facts = folder.lstat()
-        ours = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-        return ours and stat.S_ISDIR(facts.st_mode)
+        is_trusted = facts.st_uid in (os.geteuid(), 0) and not facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        return is_trusted and stat.S_ISDIR(facts.st_mode)
     return False

@@ -3,7 +3,6 @@
 A thread does one task at a time, so that the difference of two readings is the work of the task between them.
 """
 
-import copy
 import threading
 import time
 from collections import defaultdict
@@ -38,10 +37,6 @@ class Work:
     loading_s: float = 0.0
     news: str = ""
     warning: str = ""
-
-    def copy(self) -> "Work":
-        """The work so far, as it stays while more is done."""
-        return copy.deepcopy(self)
 
     def since(self, before: "Work") -> "Work":
         """The work that an earlier copy does not hold."""

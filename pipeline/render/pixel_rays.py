@@ -16,7 +16,7 @@ import numpy as np
 from pipeline.camera.micro_images.centres import pixel_strata, positions_of
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.shapes import Float64, Int64
@@ -156,14 +156,14 @@ def _by_processor(request: _RayRequest) -> Iterator[PixelRays]:
     """Rays traced by the processor, in stretches that stay in its cache."""
     tracer = request.band.rig.tracer
     samples = request.samples
-    buffer = room_for(0)
+    buffer = Leaving.empty(0)
     rays_of_pixel = request.counts.sum(axis=1)
     pixels = np.flatnonzero(rays_of_pixel)
     for first, end in _stretches(rays_of_pixel[pixels], _RAYS_PER_CHUNK):
         stretch = pixels[first:end]
         started = int(rays_of_pixel[stretch].sum())
         if len(buffer.share) < started:
-            buffer = room_for(started)
+            buffer = Leaving.empty(started)
         squares = request.squares(stretch)
         leaving = bundle_kernels.image_rays(tracer.arrays, samples, squares, request.band.rig.diffraction, buffer)
         bundle_kernels.image_rays.count(started, len(tracer.table))
@@ -178,7 +178,7 @@ def _by_device(request: _RayRequest) -> Iterator[PixelRays]:
 
     tracer = request.band.rig.tracer
     rays_of_pixel = request.counts.sum(axis=1)
-    buffer = room_for(_RAYS_PER_CHUNK)
+    buffer = Leaving.empty(_RAYS_PER_CHUNK)
     assert request.band.rig.device is not None
     tracing = ImageRays(request.band.rig.device, tracer.arrays, request.samples, request.band.rig.diffraction)
     pixels = np.flatnonzero(rays_of_pixel)
@@ -192,7 +192,7 @@ def _by_device(request: _RayRequest) -> Iterator[PixelRays]:
             stretch = group[low:high]
             squares = request.squares(stretch)
             started = int(rays_of_pixel[stretch].sum())
-            buffer = buffer if started <= len(buffer.share) else room_for(started)
+            buffer = buffer if started <= len(buffer.share) else Leaving.empty(started)
             leaving = leaving_rays(rays, started_before, squares.counts, buffer)
             yield request.rays(stretch, squares, buffer.first(leaving))
             started_before += started

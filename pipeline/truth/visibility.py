@@ -11,7 +11,7 @@ from pipeline.camera.parts.camera import REPLICAS
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Leaving, Samples, Squares, no_diffraction, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares, no_diffraction
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.records.shapes import Float64, Int64
 from pipeline.render.surroundings import Surroundings
@@ -122,7 +122,7 @@ def _random_rays(tracer: Tracer, square_px: float, bundles: PointBundles, rays: 
     x_px = bundles.x_px
     counts = np.full_like(strata, rays // REPLICAS)
     squares = Squares(np.rint(x_px).astype(np.int64), tracer.positions_mm(*x_px.T), strata, counts, 0 * counts)
-    leaving = room_for(len(x_px) * rays)
+    leaving = Leaving.empty(len(x_px) * rays)
     count = bundle_kernels.image_rays(tracer.arrays, samples, squares, no_diffraction(), leaving)
     bundle_kernels.image_rays.count(len(x_px) * rays, len(tracer.table))
     return leaving.first(count)

@@ -2,6 +2,7 @@
 While one runs, other threads go on, such as a worker's heartbeat; times of loading and of calls do not mix.
 """
 
+import copy
 import errno
 import io
 import os
@@ -21,7 +22,7 @@ from pipeline.app.build import compile_once, project, steps_of
 from pipeline.app.progress import Bar, Lines
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.engine.events import Compiling
-from pipeline.errors import EnvironmentFault
+from pipeline.errors import EnvironmentFault, warn_once
 from pipeline.jit import decorators, files
 from pipeline.jit.decorators import Kernel, kernel, opaque
 from pipeline.jit.files import cache_folder, make_folder, set_ready
@@ -49,7 +50,7 @@ def package(tmp_path):
 
 def test_kernels_are_known_by_all_sources_that_they_reach(package):
     """Numba compiles constants in and looks at the kernel's own file alone."""
-    reached = files._reached(package)
+    reached = files._sources_of_kernels(package)
     assert {str(path.relative_to(package)): source.decode() for path, source in reached.items()} == {
         name: text for name, text in SOURCES.items() if name != "apart.py"
     }
@@ -59,7 +60,7 @@ def test_kernels_are_known_by_all_sources_that_they_reach(package):
 def folder(tmp_path, monkeypatch):
     """Where kernels would be kept: nothing is there."""
     monkeypatch.setenv("PIPELINE_JIT_CACHE", str(tmp_path / "jit"))
-    monkeypatch.setattr(files, "_warned", set())
+    warn_once.cache_clear()
     return cache_folder()
 
 
@@ -269,7 +270,7 @@ def busy(seconds):
 
 
 def test_time_to_load_is_no_time_of_the_kernel():
-    before = work().copy()
+    before = copy.deepcopy(work())
     with calling("k"):
         with loading():
             busy(0.04)

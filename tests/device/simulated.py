@@ -20,7 +20,7 @@ from pipeline.camera.parts.camera import Camera
 from pipeline.camera.rig import Rig
 from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing import bundle_kernels
-from pipeline.camera.tracing.records import Leaving, Samples, Squares, room_for
+from pipeline.camera.tracing.records import Leaving, Samples, Squares
 from pipeline.camera.tracing.sampling_bounds import SKIP
 from pipeline.camera.tracing.sobol import sobol_bits
 from pipeline.jit.device import device_name
@@ -98,11 +98,11 @@ def compare_rays(name: str, camera: Camera, diffraction_nm: float | None = None)
     """Print one line: name, rays, largest difference [mm] and that of shares, nan if other rays pass, equal bits."""
     rig = dataclasses.replace(Rig.of(Tracer(camera, 3)), diffraction_nm=diffraction_nm)
     squares, samples = squares_of(rig), Samples(sobol_bits(2 * SAMPLES), 3, camera.sensor.pitch_mm)
-    room = room_for(int(squares.counts.sum()))
-    count = bundle_kernels.image_rays(rig.tracer.arrays, samples, squares, rig.diffraction, room)
-    expected = room.first(count)
+    leaving = Leaving.empty(int(squares.counts.sum()))
+    count = bundle_kernels.image_rays(rig.tracer.arrays, samples, squares, rig.diffraction, leaving)
+    expected = leaving.first(count)
     rays = ImageRays(device_name(), rig.tracer.arrays, samples, rig.diffraction).started(squares)
-    again = room_for(int(squares.counts.sum()))
+    again = Leaving.empty(int(squares.counts.sum()))
     found = again.first(leaving_rays(rays, 0, squares.counts, again))
     twin = single_leaving(rig.tracer.arrays, samples, squares, rig.diffraction)
     same = all(map(np.array_equal, twin, found))

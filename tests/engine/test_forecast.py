@@ -1,5 +1,6 @@
 """Forecasts of plans: from the same task before, from its kind here, from its kind in other builds of the store."""
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -186,9 +187,9 @@ def test_rays_of_an_obstructed_stop_are_reckoned_as_its_rows_and_their_judge_tra
         Rig.of(Tracer(ringed.camera)),
         planes_of(target.target, frame.vision_from_target(camera.name, "Board")),
     )
-    before = work().copy()
+    before = copy.deepcopy(work())
     rows = solve_points(rig, Planes(planes), slice(None), CLAIM_PX, 0.05)
-    between = work().copy()
+    between = copy.deepcopy(work())
     certify(rig, judged_rows(rows.solutions, planes, True), len(planes), CLAIM_PX)
     traced = [after.since(earlier) for earlier, after in ((before, between), (between, work()))]
     taken = [sum(kernel.rays for kernel in part.kernels.values()) for part in traced]

@@ -103,7 +103,7 @@ def bundle_moments(camera, planes, samples, starts, moments):
         of_planes = n if planes.shape[0] > 1 else 0
         anchor = Anchor(starts.anchors[n, 0], starts.anchors[n, 1], region_drift(camera, microlens))
         clear(sums, total)
-        started = False
+        has_pivot = False
         # A packet holds samples of all replicas: short packets are slow ones.
         for first in range(0, count, SAMPLES_OF_REPLICA):
             size = min(SAMPLES_OF_REPLICA, count - first)
@@ -121,11 +121,11 @@ def bundle_moments(camera, planes, samples, starts, moments):
             aim_into(region, fan, anchor, Aims(x[:full], y[:full], start_x[:full], start_y[:full], scratch))
             send_packet(camera, microlens, SensorPoints(start_x, start_y), full, packet)
             cross_packet(planes[of_planes, 0], planes[of_planes, 1], packet, 0, full, crossing)
-            started = started or set_pivot(crossing, alive, 0, full, pivot)
-            if started:
+            has_pivot = has_pivot or set_pivot(crossing, alive, 0, full, pivot)
+            if has_pivot:
                 for r in range(REPLICAS):
                     accumulate(crossing, weight, alive, r * size, (r + 1) * size, pivot, sums[r], total)
-        if started:
+        if has_pivot:
             finish(sums, total, pivot, fan.area / (count * REPLICAS), moments[n])
 
 

@@ -1,7 +1,7 @@
 """Records that kernels of cameras take: named tuples of arrays."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -126,11 +126,11 @@ class Leaving(NamedTuple):
     share: np.ndarray
     owner: np.ndarray  # (n,) int64, s times the row of the square plus the number of the microlens among its strata
 
+    @classmethod
+    def empty(cls, count: int) -> Self:
+        """Arrays for `count` rays, not filled."""
+        return cls(np.empty((count, 3)), np.empty((count, 3)), np.empty(count), np.empty(count, np.int64))
+
     def first(self, count: int) -> "Leaving":
         """The first rays."""
         return Leaving(*(array[:count] for array in self))
-
-
-def room_for(rays: int) -> Leaving:
-    """Arrays for `rays` rays."""
-    return Leaving(np.empty((rays, 3)), np.empty((rays, 3)), np.empty(rays), np.empty(rays, np.int64))

@@ -4,6 +4,7 @@ A worker loads no other part of the engine than this module and its imports.
 """
 
 import contextlib
+import copy
 import datetime
 import importlib
 import json
@@ -138,7 +139,7 @@ def _compute(specs: Sequence[Spec], store: Store, packages: tuple[str, ...]) -> 
         reset_peak()
         start = time.perf_counter()
         start_cpu_s = time.process_time()
-        work_before = work().copy()
+        work_before = copy.deepcopy(work())
         # A copy in the order of names: a task sees no order that is not in its key, and cannot change others'
         # parameters.
         plain = [json.loads(as_json(spec.components.params)) for spec in specs]

@@ -10,8 +10,7 @@ from pipeline.engine.output import manifest
 from pipeline.engine.output.our_files import OurFiles
 from pipeline.engine.store.store import Store
 from pipeline.entry_points import offered, plugged_in
-from pipeline.errors import PipelineError
-from pipeline.jit.files import say
+from pipeline.errors import PipelineError, warn_once
 from pipeline.plugins.report.records import History, TaskRun
 from pipeline.results.output import open_output
 
@@ -88,7 +87,7 @@ class Report:
         """Whether a task ran."""
         return any(run.start_s is not None for run in self.runs.values())
 
-    def write(self, out: Path, folder: Path | None = None, *, warn: Callable[[str], None] = say) -> Path:
+    def write(self, out: Path, folder: Path | None = None, *, warn: Callable[[str], None] = warn_once) -> Path:
         """Write the report of a finished build into a folder, by default `OUT.report`; returns its page, `index.html`.
 
         If no task ran, the history of an earlier report stays, or is made of the records in the store. It raises as
