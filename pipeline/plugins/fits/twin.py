@@ -36,8 +36,12 @@ _TURNS, _SAME = 6, 0.01
 sigma that ends them [1]."""
 _MORE_THAN_NOISE = 1.1
 """Chi squared over what is expected that is not doubted however many rows there are [1]: 5 % in sigma."""
+_SHOWN = 6
+"""Most frames that a note names."""
 _HALF_TOLD_PX = 0.1
 """Deviation of a common shift above which rows do not tell half a pixel [px]."""
+_SIZE_TOLD = 1e-2
+"""Deviation of the size of the boards, over itself, above which rows do not tell it [1]."""
 
 
 class _Rows:
@@ -167,7 +171,7 @@ class Twin:
                     said.append(
                         f"{what} that are ({x:+.3f}, {y:+.3f}) px off would fit better: is the pixel origin right?"
                     )
-            if abs(estimate[2]) > _DOUBT * deviation[2]:
+            if deviation[2] < _SIZE_TOLD and abs(estimate[2]) > _DOUBT * deviation[2]:
                 said.append(f"a board {1 + estimate[2]:.5g} times as large would fit better: is its size right?")
         return said
 
@@ -189,9 +193,36 @@ class Twin:
         said = []
         if deviation[:2].max() > _HALF_TOLD_PX:
             said.append("these rows do not tell the pixel origin: half a pixel would go into numbers and poses unseen")
-        if deviation[2] > 1e-2 and len(self.views.keys):
+        if deviation[2] > _SIZE_TOLD and len(self.views.keys):
             said.append("these rows do not tell the size of the board: it would go into its distance unseen")
+        for target, frames in self.unobserved.items():
+            if frames:
+                shown = ", ".join(map(str, frames[:_SHOWN])) + (" …" if len(frames) > _SHOWN else "")
+                kept = f"it has the pose of {self.stage.path.name} there"
+                said.append(f"no position shows {target} in frame {shown}: {kept}")
         return said
+
+    @cached_property
+    def unobserved(self) -> dict[str, list[int]]:
+        """Frames in which no position shows a board of fitted poses, by target: there it has that of the stage."""
+        if not self.solution.linear.asked.has_free_poses:
+            return {}
+        frames = [frame.number for frame in self.stage.nominal.frames]
+        targets = dict.fromkeys(target for _, target in self.views.keys)
+        return {target: [frame for frame in frames if (frame, target) not in self.views.keys] for target in targets}
+
+    @property
+    def _poses(self) -> dict[str, dict[int, np.ndarray]]:
+        """Poses world_from_target (4, 4) [mm] of fitted boards in all frames, by prim path."""
+        fitted = dict(zip(self.views.keys, self.solution.poses, strict=True))
+        stated = {frame.number: frame.world_from_target for frame in self.stage.nominal.frames}
+        return {
+            entry.prim_path: {
+                frame: fitted.get((frame, entry.name), np.array(poses[entry.name])) for frame, poses in stated.items()
+            }
+            for entry in self.stage.nominal.targets
+            if entry.name in self.unobserved
+        }
 
     def write(self, out: Path, images: Images | None = None) -> tuple[Path, Path]:
         """Write the layer, and beside it the covariance and all that the page says; returns both.
@@ -199,13 +230,8 @@ class Twin:
         `images`: those of the real camera, as `found_images` has them for this layer.
         """
         beside = require_new(out)
-        poses = dict[str, dict[int, np.ndarray]]()
-        prims = {entry.name: entry.prim_path for entry in self.stage.nominal.targets}
-        if self.solution.linear.asked.has_free_poses:
-            for (frame, target), pose in zip(self.views.keys, self.solution.poses, strict=True):
-                poses.setdefault(prims[target], {})[frame] = pose
         about = "Numbers and poses fitted to observed positions by pipeline calibrate."
-        layer = self.stage.layer(out, self.solution.by, poses, about)
+        layer = self.stage.layer(out, self.solution.by, self._poses, about)
         digest = hashlib.sha256(layer.encode()).hexdigest()
         more = {"layer_sha256": digest, "images": images or {}}
         write_new(layer, out)
@@ -337,6 +363,7 @@ def document(twin: Twin) -> Json:
         },
         "doubts": list(twin.doubts),
         "untold": list(twin.untold),
+        "unobserved": twin.unobserved,
         "rows": {
             "camera": seen.camera.tolist(),
             "frame": [None if centre else n for n, centre in zip(seen.frame.tolist(), seen.is_centre, strict=True)],

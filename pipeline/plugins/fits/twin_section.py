@@ -36,7 +36,8 @@ def tell(report: Any, stage: Path, output: Output) -> None:
 
 def _tell_camera(report: Any, stage: Path, output: Output, camera: str, fit: Any, lines: list[str]) -> None:
     names = fit["images"].get(body_and_channel(camera)[0], {})
-    files = {int(frame): stage.parent / name for frame, name in names.items()}
+    unobserved = {frame for frames in fit["unobserved"].values() for frame in frames}  # the twin's boards are elsewhere
+    files = {int(frame): stage.parent / name for frame, name in names.items() if int(frame) not in unobserved}
     for file in files.values():
         if not is_inside(file, allowed_roots(stage)):
             raise UsageError(f"the report may not read {file}", hint=OUTSIDE_HINT)

@@ -10,6 +10,7 @@ from stage_text import edited
 
 from pipeline.errors import UsageError
 from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.scene.load import open_dataset
 
 RIG = """prepend references = @rigs/conventional_100mm.usda@
 )
@@ -43,10 +44,10 @@ def written(path: Path, *edits: tuple[str, str]) -> Path:
 
 def test_two_cameras_share_boards_of_which_each_misses_one_and_tell_how_they_stand(tmp_path):
     """The pose of the second one, eight millimetres and five degrees beside its place, and a number of each. Of the
-    second board it sees too little for a first pose.
+    second board it sees too little for a first pose; the last one nobody sees, and it stays where the stage has it.
     """
     path = written(
-        wide_stage(tmp_path, frames=4),
+        wide_stage(tmp_path, frames=5),
         ('def "Board"', f'{SECOND}def "Board"'),
         ("rel plen:cameras = </Scene/Rig/Camera>", "rel plen:cameras = [</Scene/Rig/Camera>, </Scene/Second/Camera>]"),
     )
@@ -55,11 +56,16 @@ def test_two_cameras_share_boards_of_which_each_misses_one_and_tell_how_they_sta
     off = np.array([5.0, -4.0, 5.0, 3.0, -3.0, 2.5, 0.3, -0.2, 0.1])
     found = seen(stage, off, 1e-3)
     missed = (found.camera == "Rig.Camera") & (found.frame == 4) | (found.camera != "Rig.Camera") & (found.frame == 1)
-    missed |= (found.camera != "Rig.Camera") & (found.frame == 2) & (found.point_id > 2)
+    missed |= (found.camera != "Rig.Camera") & (found.frame == 2) & (found.point_id > 2) | (found.frame == 5)
     twin = fitted(stage, only(found, ~missed), tmp_path)
     assert twin.solution.converged and twin.doubts == []
     assert {group.name for group in twin.groups["camera"]} == {"Rig.Camera", "Second.Camera"}
     np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-5)
+    assert "no position shows Board in frame 5: it has the pose of wide.usda there" in twin.untold
+    layer, _ = twin.write(tmp_path / "fitted.usda")
+    poses = [np.array(frame.world_from_target["Board"]) for frame in open_dataset(layer).frames]
+    unseen = stage.nominal.frames[4].world_from_target["Board"]
+    np.testing.assert_allclose(poses, [*twin.solution.poses, unseen], rtol=0, atol=1e-9)
 
 
 def test_channels_of_a_camera_tell_a_number_together(tmp_path):
