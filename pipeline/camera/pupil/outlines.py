@@ -92,8 +92,13 @@ def outlines(prescription: Prescription, plane_mm: float, max_height_mm: float, 
     inside = interior_points(table, starts, chief, np.zeros(2))
     lit = ~np.isnan(inside[:, 0])
     support = np.full((HEIGHTS, DIRECTIONS), np.nan)
-    if lit.any():
-        support[lit] = supports(edges(table, starts[lit], inside[lit], _TRACED, _BISECTIONS, 0.0))
+    # The outline is its own mirror image in the x axis: about a point there, half of the directions tell the others.
+    ray, half = directions_of(_TRACED), _TRACED // 2 + 1
+    for rows, traced in ((lit & (inside[:, 1] == 0), half), (lit & (inside[:, 1] != 0), _TRACED)):
+        if rows.any():
+            upper = edges(table, starts[rows], inside[rows], ray[:traced], _BISECTIONS, 0.0)
+            distance = np.concatenate([upper, upper[:, _TRACED - traced : 0 : -1]], axis=1)
+            support[rows] = supports(inside[rows, None] + distance[..., None] * ray)
     vertices = _vertices(support, margin)
     drift = float(vertices[1].mean(axis=0)[0] - vertices[0].mean(axis=0)[0]) / step if lit[:2].all() else 0.0
     return Outlines(step, vertices[None], drift)
@@ -151,24 +156,22 @@ def edges(
     table: Float64[np.ndarray, "surfaces columns"],
     starts: Float64[np.ndarray, "n 3"],
     inside: Float64[np.ndarray, "n 2"],
-    directions: int,
+    ray: Float64[np.ndarray, "m 2"],
     bisections: int,
     slack_mm: float,
 ) -> np.ndarray:
-    """First blocked point in every direction from a passing one by bisection, (n, directions, 2).
+    """Distance of the first blocked point in every direction from a passing one by bisection, (n, m) [mm].
 
     `slack_mm`: added to the distance of 2.5 semi-diameters of the rear surface at which rays are surely blocked.
     """
-    ray = directions_of(directions)
-    shape = (len(inside), directions)
+    shape = (len(inside), len(ray))
     farthest = np.full(shape, 2.5 * np.sqrt(table[0, SEMI_DIAMETER_SQUARED]) + slack_mm)
 
     def passes_at(far: np.ndarray) -> np.ndarray:
-        """Whether rays at these distances from the inner points pass, (n, directions)."""
+        """Whether rays at these distances from the inner points pass, (n, m)."""
         return passes(table, starts[:, None], inside[:, None] + far[..., None] * ray)
 
-    _, dark = halved(passes_at, np.zeros(shape), farthest, bisections)
-    return inside[:, None] + dark[..., None] * ray
+    return halved(passes_at, np.zeros(shape), farthest, bisections)[1]
 
 
 def directions_of(count: int) -> np.ndarray:
@@ -266,7 +269,9 @@ def _traced(table: np.ndarray, stop_row: int, starts: np.ndarray) -> np.ndarray:
     result = np.full((len(starts), DIRECTIONS), np.nan)
     if lit.any():
         slack = 2 * float(np.hypot(*middle))
-        result[lit] = supports(edges(table, starts[lit], inside[lit], _GRID_TRACED, _GRID_BISECTIONS, slack))
+        ray = directions_of(_GRID_TRACED)
+        distance = edges(table, starts[lit], inside[lit], ray, _GRID_BISECTIONS, slack)
+        result[lit] = supports(inside[lit, None] + distance[..., None] * ray)
     return result
 
 
