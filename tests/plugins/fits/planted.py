@@ -5,10 +5,9 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-from places import TINY_PLENOPTIC
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
-from stage_text import in_the_library
+from stage_text import in_the_library, tiny_text
 
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.files.tables import write_table
@@ -30,6 +29,8 @@ uniform double plen:pixelPitch = 0.2
 }
 """
 """A pinhole that sees 26 degrees to both sides."""
+FEW = "uniform int plen:columns = 4\nuniform int plen:rows = 3\n"
+"""Corners of boards: fewer than in the library, because a fit takes time for each."""
 INNER = ["Rig/Camera.plen:camera:distortion", "Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:offset"]
 OFF = np.array([-0.2, 0.15, 2e-3, -1e-3, -0.05, 1.4, 0.82, -0.47])
 """Errors of the eight numbers of `INNER`."""
@@ -50,7 +51,7 @@ def posed(count: int, distance_mm: float, across_mm: float, seed: int = 3) -> st
 
 def wide_stage(folder: Path, frames: int) -> Path:
     """A pinhole before a large board."""
-    board = f"uniform double plen:squareSize = 30\n{posed(frames, 380.0, 60.0)}"
+    board = f"{FEW}uniform double plen:squareSize = 50\n{posed(frames, 380.0, 60.0)}"
     path = folder / "wide.usda"
     path.write_text(in_the_library("", board=board, rig=WIDE, end=frames), encoding="utf-8")
     return path
@@ -58,7 +59,7 @@ def wide_stage(folder: Path, frames: int) -> Path:
 
 def narrow_stage(folder: Path, things: str = "", frames: int = 3) -> Path:
     """The lens of the library before a board in focus."""
-    board = f"uniform double plen:squareSize = 1.5\n{posed(frames, 432.0, 1.5)}"
+    board = f"{FEW}uniform double plen:squareSize = 2.5\n{posed(frames, 432.0, 1.5)}"
     path = folder / "narrow.usda"
     path.write_text(in_the_library(things, board=board, end=frames), encoding="utf-8")
     return path
@@ -116,20 +117,24 @@ def centres(stage: FreeStage, by: np.ndarray, position: str, sigma_px: float) ->
     )
 
 
+def plenoptic_stage(folder: Path, *edits: tuple[str, str]) -> Path:
+    """The tiny plenoptic camera with the microlenses of its image, of the 11,500 of the array, and with edits."""
+    few = 'over "Microlenses"\n{\nuniform double plen:width = 2.6\nuniform double plen:height = 2.6\n}\n'
+    text = tiny_text("plenoptic", ('over "Sensor"', f'{few}over "Sensor"'), *edits)
+    path = folder / "plenoptic.usda"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
 def stopped_down(folder: Path) -> Path:
     """The tiny plenoptic camera with more pixels, and dark gaps between its micro-images."""
-    text = TINY_PLENOPTIC.read_text(encoding="utf-8")
     stop = 'over "Lens"\n{\nover "Stop"\n{\nuniform double plen:semiDiameter = 3.5\n}\n}\n'
-    for old, new in (
+    return plenoptic_stage(
+        folder,
         ("plen:pixelPitch = 0.03", "plen:pixelPitch = 0.01"),
         ("plen:resolution = (48, 40)", "plen:resolution = (144, 120)"),
         ('over "Sensor"', f'{stop}over "Sensor"'),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "stopped_down.usda"
-    path.write_text(text, encoding="utf-8")
-    return path
+    )
 
 
 def white_image(stage: FreeStage, by: np.ndarray, sigma_px: float) -> Observations:
