@@ -81,16 +81,21 @@ def _real(file: Path, channel: str | None, size_px: tuple[int, int]) -> np.ndarr
 class SideBySide:
     """Images of a real camera and of its twin by frame, with the twin's brought to the real ones' scale: by one gain
     and one offset for all frames, which the exposure of a real camera leaves open.
+
+    `observed_px`: positions of each frame, (n, 2). Images are compared within their convex hull: around a real board
+    are things that the twin has not.
     """
 
     files: Mapping[int, Path]
     views: Mapping[int, BuiltView]
+    observed_px: Mapping[int, np.ndarray]
 
     @classmethod
-    def of(cls, output: Output, camera: str, files: Mapping[int, Path]) -> Self:
-        """Those of the frames that a build has images of."""
+    def of(cls, output: Output, camera: str, files: Mapping[int, Path], observed_px: Mapping[int, np.ndarray]) -> Self:
+        """Those of the frames that have positions and that a build has images of."""
         views = {view.frame: view for view in output.cameras[camera].views if view.image_path is not None}
-        return cls(files={frame: files[frame] for frame in sorted(views.keys() & files.keys())}, views=views)
+        compared = sorted(views.keys() & files.keys() & observed_px.keys())
+        return cls(files={frame: files[frame] for frame in compared}, views=views, observed_px=observed_px)
 
     def _pair(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Real image, and that of the twin: raw where both are, else its light."""
@@ -105,7 +110,7 @@ class SideBySide:
 
     @cached_property
     def _sums(self) -> dict[int, "_Sums"]:
-        return {frame: _Sums.of(*self._pair(frame)) for frame in self.files}
+        return {frame: _Sums.of(*self._pair(frame), self.observed_px[frame]) for frame in self.files}
 
     @cached_property
     def scale(self) -> np.ndarray:
@@ -120,7 +125,8 @@ class SideBySide:
         by = np.array([1.0, -gain, -offset])
         rms = {frame: np.sqrt(max(by @ each.products @ by, 0.0)) / self._range for frame, each in self._sums.items()}
         return [
-            f"real images beside the twin's, which are times {gain:.6g} plus {offset:.6g}: nearest over all frames",
+            f"real images beside the twin's, which are times {gain:.6g} plus {offset:.6g}: nearest over all frames,"
+            " between the outermost positions",
             f"real minus twin: grey is none, black and white are {SPAN:.0%} of the range of the real images",
             "rms by frame, over that range: " + "; ".join(f"{frame}: {value:.2%}" for frame, value in rms.items()),
         ]
@@ -148,13 +154,18 @@ class SideBySide:
 
 @dataclass(frozen=True, slots=True)
 class _Sums:
-    """Mean products of the numbers of a real image, of its twin and of 1, (3, 3), and ends of the former."""
+    """Mean products of the numbers of a real image, of its twin and of 1, (3, 3), and ends of the former, in the convex
+    hull of positions.
+    """
 
     products: np.ndarray
     low: float
     high: float
 
     @classmethod
-    def of(cls, real: np.ndarray, twin: np.ndarray) -> Self:
-        each = np.stack([real.ravel(), twin.ravel(), np.ones(real.size)])
-        return cls(each @ each.T / real.size, float(real.min()), float(real.max()))
+    def of(cls, real: np.ndarray, twin: np.ndarray, observed_px: np.ndarray) -> Self:
+        mask = np.zeros(real.shape, np.uint8)
+        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(observed_px).astype(np.int32)), 1)
+        inside = mask > 0
+        each = np.stack([real[inside], twin[inside], np.ones(inside.sum())])
+        return cls(each @ each.T / inside.sum(), float(real[inside].min()), float(real[inside].max()))

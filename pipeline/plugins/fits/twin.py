@@ -363,7 +363,6 @@ def document(twin: Twin) -> Json:
         },
         "doubts": list(twin.doubts),
         "untold": list(twin.untold),
-        "unobserved": twin.unobserved,
         "rows": {
             "camera": seen.camera.tolist(),
             "frame": [None if centre else n for n, centre in zip(seen.frame.tolist(), seen.is_centre, strict=True)],

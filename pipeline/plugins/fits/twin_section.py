@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pipeline.channel_names import body_and_channel
 from pipeline.engine.files import digest_of
 from pipeline.errors import UsageError
@@ -36,16 +38,26 @@ def tell(report: Any, stage: Path, output: Output) -> None:
 
 def _tell_camera(report: Any, stage: Path, output: Output, camera: str, fit: Any, lines: list[str]) -> None:
     names = fit["images"].get(body_and_channel(camera)[0], {})
-    unobserved = {frame for frames in fit["unobserved"].values() for frame in frames}  # the twin's boards are elsewhere
-    files = {int(frame): stage.parent / name for frame, name in names.items() if int(frame) not in unobserved}
+    files = {int(frame): stage.parent / name for frame, name in names.items()}
     for file in files.values():
         if not is_inside(file, allowed_roots(stage)):
             raise UsageError(f"the report may not read {file}", hint=OUTSIDE_HINT)
-    pairs, more = SideBySide.of(output, camera, files), []
+    pairs, more = SideBySide.of(output, camera, files, _observed_px(fit["rows"], camera)), []
     if pairs.files:
         more = ["", *pairs.lines]
+    if without := sorted(files.keys() - pairs.observed_px.keys()):
+        more.append(f"real images of frames without positions are not shown: {', '.join(map(str, without))}")
     try:
         drawing = residual_maps(fit, camera)
     except UsageError as error:  # matplotlib is not installed
         drawing, more = "", [*more, "", f"no maps: {error.message}"]
     report.tell("Twin", camera, [*lines, *more], drawing, pairs.pictures)
+
+
+def _observed_px(rows: Any, camera: str) -> dict[int, np.ndarray]:
+    """Positions of points in the images of a camera, by frame, (n, 2)."""
+    positions = dict[int, list[list[float]]]()
+    for name, frame, x_px in zip(rows["camera"], rows["frame"], rows["x_px"], strict=True):
+        if name == camera and frame is not None:
+            positions.setdefault(frame, []).append(x_px)
+    return {frame: np.array(x_px) for frame, x_px in positions.items()}
