@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from plugins.scenes.test_shapes import counted, scene
 from pxr import Usd, UsdGeom
-from stage_text import head, stage_in
+from stage_text import edited, head, stage_in
 
 from pipeline.limits import VARIABLE
 from pipeline.plugins.scenes.reading import instancers
@@ -161,3 +161,18 @@ def test_the_visibility_of_a_prototype_is_that_of_its_instances_in_each_frame(tm
     )
     loaded = load(scene(tmp_path, 'def "First" (references = @first.usda@)\n{\n}\n', 2))
     assert loaded.problems == [] and [len(places(loaded, frame)) for frame in (0, 1)] == [2, 0]
+
+
+@pytest.mark.parametrize(
+    ("edits", "there", "codes"),
+    [
+        ([("First/Large>", "First/Gone>"), ("[0, 0]", "[0, 1]")], [(0, 0, 1)], ["missing-target"]),
+        ([("int[]", "int64[] ids = [7, 7]\nint[]")], [(0, 0, 1), (9, 0, 1)], []),
+    ],
+)
+def test_what_is_wrong_with_one_instance_leaves_the_others(edits: list, there: list, codes: list, tmp_path):
+    """A prototype that is not there, and one id for two; in a file of others."""
+    (tmp_path / "first.usda").write_text(head("First") + edited(FIRST.replace("Scene/Things/", ""), *edits))
+    loaded = load(scene(tmp_path, 'def "First" (references = @first.usda@)\n{\n}\n'))
+    assert [each.code for each in loaded.problems] == codes and loaded.errors == []
+    assert sorted((x, y, size) for x, y, _, size in places(loaded)) == there

@@ -17,6 +17,8 @@ _INSTANCE = re.compile(r"Instance_(\d+)")
 """Names of prims that stand for an instance, below its point instancer."""
 _COUNTED = 10
 """Multiple of the limit up to which instances are counted [1]: to read a million of them takes seconds."""
+_ARRAYS = ("positions", "orientations", "orientationsf", "scales", "velocities", "accelerations", "angularVelocities")
+"""Attributes of a point instancer with a value for each instance; all but positions may have none."""
 _HIDDEN = {0.0: UsdGeom.Tokens.invisible}
 """Visibility of what is hidden, the same in all frames."""
 _SAME = 1e-9
@@ -37,8 +39,8 @@ def write_instancers(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
         for path in waiting:
             try:
                 instances_of[path] = _instances(UsdGeom.PointInstancer(stage.GetPrimAtPath(path)), frames)
-            except (Tf.ErrorException, TypeError, ValueError, IndexError):
-                fault = "its prototypes, protoIndices and arrays of values do not fit, or are not finite"
+            except (Tf.ErrorException, TypeError, _Unfit) as error:
+                fault = str(error) if isinstance(error, _Unfit) else "one of its values has another type"
                 problems += _left_out(stage.GetPrimAtPath(path), fault, frames)
                 done.add(path)
                 continue
@@ -143,10 +145,17 @@ class _Instance:
     indices: dict[float, int] = field(default_factory=dict)
 
 
+class _Unfit(Exception):
+    """Arrays of a point instancer do not fit each other."""
+
+
 def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list[_Instance]:
-    """The instances of all frames. One that keeps its id and prototype is the same instance in all of them."""
+    """The instances of all frames, but for those of prototypes that are not there. One that keeps its id and prototype
+    is the same instance in all frames. Raises _Unfit.
+    """
     prototypes = instancer.GetPrototypesRel().GetForwardedTargets()
     prim = instancer.GetPrim()
+    exist = [bool(prim.GetStage().GetPrimAtPath(prototype)) for prototype in prototypes]
     moves = any(
         a.ValueMightBeTimeVarying() for a in prim.GetAuthoredAttributes() if not a.GetName().startswith("xform")
     )
@@ -154,19 +163,32 @@ def _instances(instancer: UsdGeom.PointInstancer, frames: Sequence[int]) -> list
     for frame in frames if moves else frames[:1]:
         time = Usd.TimeCode(frame)
         numbers = plain(instancer.GetProtoIndicesAttr().Get(time) or ())
-        if min(numbers, default=0) < 0 or max(numbers, default=-1) >= len(prototypes):
-            raise IndexError
+        _check_arrays(prim, numbers, len(prototypes), time)
         ids = plain(instancer.GetIdsAttr().Get(time) or range(len(numbers)))
+        ids = ids if len(set(ids)) == len(numbers) else range(len(numbers))
         mask = list(instancer.ComputeMaskAtTime(time)) or [True] * len(numbers)
         poses = instancer.ComputeInstanceTransformsAtTime(time, time, instancer.ExcludeProtoXform, instancer.IgnoreMask)
         rows = zip(ids, numbers, mask, poses, strict=True)
         for index, (identity, number, is_drawn, pose) in enumerate(rows):
-            if is_drawn:
+            if is_drawn and exist[number]:
                 if not all(map(math.isfinite, chain(*pose))):
-                    raise ValueError
+                    raise _Unfit(f"the transform of its instance {index} is not finite")
                 instance = instances.setdefault((identity, number), _Instance(prototypes[number]))
                 instance.poses[float(frame)], instance.indices[float(frame)] = pose, index
     return list(instances.values())
+
+
+def _check_arrays(prim: Usd.Prim, numbers: Sequence[int], prototypes: int, time: Usd.TimeCode) -> None:
+    """Raise _Unfit if indices are not those of prototypes, or an array has not one value for each instance: USD reads
+    beyond the end of one that is too short.
+    """
+    for number in numbers:
+        if not 0 <= number < prototypes:
+            raise _Unfit(f"protoIndices names prototype {number}, of {prototypes}")
+    for name in _ARRAYS:
+        count = len(prim.GetAttribute(name).Get(time) or ())
+        if count != len(numbers) and (count or name == "positions"):
+            raise _Unfit(f'"{name}" has {count:,} values for {len(numbers):,} instances')
 
 
 def _write_instances(prim: Usd.Prim, instances: list[_Instance], frames: Sequence[int]) -> list[Problem]:
