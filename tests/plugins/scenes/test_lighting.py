@@ -99,6 +99,14 @@ def test_a_matt_mesh_below_a_distant_light_has_its_display_colour(tmp_path):
     assert wall_light(tmp_path, SUN + WALL % "") == pytest.approx(2 * 0.18 / math.pi, rel=1e-6)
 
 
+@pytest.mark.parametrize(("scale", "light"), [("(1, 1, 0)", 0.36), ("(0, 0, 0)", 0.0), ("(1, 0, 0)", 0.0)])
+def test_a_ball_that_is_scaled_flat_is_a_disc_and_one_without_extent_is_hidden(tmp_path, scale, light):
+    """Programs hide things by a scale of 0. The normal of a disc is its axis everywhere."""
+    moved = f"{placed(0, 0, -500)}\ndouble3 xformOp:scale = {scale}".replace('late"]', 'late", "xformOp:scale"]')
+    ball = f'def Sphere "Ball"\n{{\ndouble radius = 50\n{moved}\n}}\n'
+    assert wall_light(tmp_path, SUN + ball, at=(30.0, 0.0, 500.0)) == pytest.approx(light / math.pi, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("more", "factor"),
     [

@@ -235,11 +235,13 @@ def of_patch(patch: Patch, pose: Float64[np.ndarray, "4 4"], material: int) -> S
 
 
 def of_mesh(occluder: Occluder, pose: Float64[np.ndarray, "4 4"], finish: Finish, rows: list[int]) -> Shapes:
-    """A mesh; `pose` is vision_from_mesh, any affine transform, and `rows` are those of its materials."""
+    """A mesh; `pose` is vision_from_mesh, any affine transform, and `rows` are those of its materials. One that the
+    transform flattens has flat normals.
+    """
     corners = apply(pose, occluder.corners_mm().reshape(-1, 3)).reshape(-1, 3, 3)
     count = len(corners)
     normals = _flat(corners)
-    if finish.normals is not None:
+    if finish.normals is not None and np.linalg.det(pose[:3, :3]):
         turned = np.asarray(finish.normals, float).reshape(-1, 3) @ np.linalg.inv(pose[:3, :3])
         normals = (turned / np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-300)).reshape(-1, 3, 3)
     tables = [np.asarray(values, float).reshape(count, 3, -1) for values in finish.primvars.values()]
