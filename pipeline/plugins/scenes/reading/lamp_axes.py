@@ -12,6 +12,8 @@ EVEN = 1e-6
 """Accepted deviation of scales from each other, and of axes from a right angle [1]: of single precision."""
 _FLAT = 1e-12
 """Volume of the box of unit axes up to which a transform flattens [1]: rounding leaves 1e-16 of axes in a plane."""
+LENGTHS = 1e-30, 1e30
+"""Lengths of unit axes under a transform that does not flatten [1]: volumes of others may underflow or overflow."""
 _POLE_Z = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 """Rotation of a dome from the pole +Y to +Z."""
 
@@ -38,8 +40,11 @@ def axes_and_scales(matrix: np.ndarray) -> tuple[np.ndarray, tuple[float, float,
 
 def _volume(matrix: np.ndarray) -> float:
     """Volume of the box of unit vectors along the axes of a transform [1]: 0 if it flattens, 1 at right angles."""
+    shortest, longest = LENGTHS
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
-    return abs(float(np.linalg.det(matrix[:3, :3] / lengths))) if lengths.all() else 0.0
+    if not ((lengths >= shortest) & (lengths <= longest)).all():
+        return 0.0
+    return abs(float(np.linalg.det(matrix[:3, :3] / lengths)))
 
 
 def world_from_lamp(prim: Usd.Prim, times: Sequence[float], unit_mm: float) -> np.ndarray:

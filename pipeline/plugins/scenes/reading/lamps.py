@@ -9,7 +9,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdLux
 
 from pipeline.frames import apply
 from pipeline.plugins.scenes.lighting.records import Lamp, Rgb, Shaping
-from pipeline.plugins.scenes.reading.lamp_axes import EVEN, axes_and_scales, flattened_at
+from pipeline.plugins.scenes.reading.lamp_axes import EVEN, LENGTHS, axes_and_scales, flattened_at
 from pipeline.plugins.scenes.reading.pictures import is_picture, name_of, picture_of
 from pipeline.records.shapes import Float64
 from pipeline.scene.dataset import Dataset, Frame, LampEntry, TargetEntry
@@ -213,7 +213,10 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 message = (
                     f"the transform of a light flattens it at time code {flat[0]}: it has no shape or no direction"
                 )
-                hint = "no scale may be 0, nor axes lie in one plane; to hide a light at a time, make it invisible"
+                hint = (
+                    f"scales are {LENGTHS[0]:g} to {LENGTHS[1]:g}, and axes do not lie in one plane; "
+                    "to hide a light at a time, make it invisible"
+                )
                 yield problem(prim, "lamp-size", message, hint=hint)
                 continue
             yield from _check_scale(prim, entry.lamp, frames)
