@@ -30,8 +30,9 @@ _SHUTTER_TYPES = {
     "rightToLeft": "ROLLING_RIGHT_TO_LEFT",
 }
 """Types of shutters, by `plen:shutter:scanOrder`."""
-_SAME_MM = 1e-9
-"""Deviation of poses that are the same [mm]: rounding of products of matrices."""
+_SAME = 1e-9
+"""Deviation of poses that are the same, in rotation and over the distance of cameras from the origin of the world [1]:
+matrices of stages are written with as many digits, and products of them round."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,8 +306,7 @@ class Material:
         return target.grid
 
     def second_from_first(self, first: ExportCamera, second: ExportCamera) -> np.ndarray:
-        """The pose of the first camera in the frame of the second, (4, 4) [mm]: ask before the conversion to a format's
-        unit, or for a format in mm.
+        """The pose of the first camera in the frame of the second, (4, 4), in the unit of the material.
 
         Raises ExportError: the pose is not the same in all frames, or unknown.
         """
@@ -318,14 +318,16 @@ class Material:
                 f"no frame has both {first.name} and {second.name}, so the pose between them is unknown",
                 hint="a camera whose lens changes is one camera in each state: export them one by one with --only",
             )
-        poses = [
-            of_second.camera_from_world @ inverse(of_first.camera_from_world)
+        pairs = [
+            (of_first.camera_from_world, of_second.camera_from_world)
             for of_first, of_second in views
             if of_first.camera_from_world is not None and of_second.camera_from_world is not None
         ]
-        if not poses:
+        if not pairs:
             raise ExportError(f"no pinhole fits {first.name} or {second.name}, so the pose between them is unknown")
-        if any(not np.allclose(pose, poses[0], rtol=0, atol=_SAME_MM) for pose in poses):
+        poses = [second_from_world @ inverse(first_from_world) for first_from_world, second_from_world in pairs]
+        distance = max(float(np.linalg.norm(from_world[:3, 3])) for pair in pairs for from_world in pair)
+        if any((np.abs(pose - poses[0]) > _SAME * np.array([1.0, 1.0, 1.0, distance])).any() for pose in poses):
             raise ExportError(
                 f"{second.name} moves against {first.name}, and this format knows rigid rigs alone",
                 hint="export them one by one with --only",

@@ -353,8 +353,9 @@ def check_exports(root: Usd.Prim) -> Iterator[Problem]:
             fitting = [other for other, format_ in loadable().items() if format_.takes(_is_plenoptic(cameras[0]))]
             message = f'"{name}" describes {kind} cameras alone, and the dataset has none'
             yield problem(attribute, "export-cameras", message, hint=f"formats for its cameras: {', '.join(fitting)}")
-        elif sum(map(images_of, suitable)) < format_named.least_cameras:
-            message = f'"{name}" relates cameras to each other, and the dataset has one'
+        elif cameras and (count := sum(map(images_of, suitable))) < format_named.least_cameras:
+            needed = f"{format_named.least_cameras} cameras, or channels of one, at least"
+            message = f'"{name}" relates {needed}, and the dataset has {count} that it describes'
             yield problem(attribute, "export-cameras", message, hint="take it out, or add a camera")
         yield from _check_targets(root, name, format_named)
         yield from _check_position(root, name, suitable)

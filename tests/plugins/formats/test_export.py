@@ -141,6 +141,20 @@ def test_cameras_that_move_against_each_other_are_no_rig(tmp_path):
     assert list((tmp_path / "exports").iterdir()) == []
 
 
+def test_a_rig_far_from_the_origin_of_the_world_is_rigid_within_rounding(tmp_path):
+    """Turned about its vertical by another angle in each frame, 1e8 mm away: products of matrices round to 1e-8 mm."""
+    out = write_build(tmp_path / "out", Scene())
+    for file in out.rglob("poses.json"):
+        poses = json.loads(file.read_text())
+        c, s = np.cos(frame := int(file.parent.parent.name)), np.sin(frame)
+        moved = np.array([[c, 0, s, 1e8], [0, 1, 0, 0], [-s, 0, c, 3e7], [0, 0, 0, 1]])
+        poses["pinhole"]["pinhole_from_world"] = (poses["pinhole"]["pinhole_from_world"] @ moved).tolist()
+        file.write_text(json.dumps(poses))
+    write_manifest(out)
+    (folder,) = export(open_output(out), ["kalibr"], tmp_path / "exports")
+    assert folder.exists()
+
+
 def test_a_rig_of_which_one_sensor_is_tilted_has_as_many_coefficients_of_each_camera(tmp_path):
     built = write_build(tmp_path / "built", Scene())
     record = json.loads((built / "cameras/Upper/camera.json").read_text())
