@@ -17,10 +17,11 @@ from kept import keeping
 from scipy.spatial.transform import Rotation
 
 from pipeline.files.tables import write_table
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
 from pipeline.plugins.fits.predicted_rows import points_of
-from pipeline.plugins.fits.twin import calibrate, document
+from pipeline.plugins.fits.twin import document
 from pipeline.plugins.fits.twin_page import page
 from pipeline.results.opening import ready
 from pipeline.results.ready_camera import ReadyCamera
@@ -72,7 +73,7 @@ def fit(path: Path, file: Path) -> None:
     began = time.process_time()
     twin = calibrate(stage, [file], Stated())
     spent_s = time.process_time() - began
-    pulls = np.abs(twin.solution.by - off) / twin.solution.deviation
+    pulls = np.abs(twin.solution.correction - off) / twin.solution.deviation
     print(f"{path.stem}: {rows} positions, {len(twin.views.keys)} boards, {len(off)} numbers: {spent_s:.1f} CPU s")
     print(f"  errors are {np.sqrt((pulls**2).mean()):.2f} deviations rms, {pulls.max():.2f} at most")
     print(*(f"  {line}" for line in page(document(twin))), sep="\n")

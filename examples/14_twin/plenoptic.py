@@ -16,9 +16,10 @@ from twin import FIRST_PX, TIMES, built, planted, recovered, scatter
 import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import write_table
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
-from pipeline.plugins.fits.twin import Twin, calibrate, document
+from pipeline.plugins.fits.twin import Twin, document
 from pipeline.plugins.fits.twin_page import page
 
 STAGE = Path(__file__).resolve().parent / "plenoptic.usda"
@@ -85,7 +86,7 @@ def corners_in(out: Path, by_white: Twin) -> dict[str, list]:
     columns: dict[str, list] = {
         name: [] for name in ("frame", "point_id", "microlens_k", "microlens_l", "x_px", "y_px")
     }
-    dataset = by_white.stage.at(by_white.solution.by)
+    dataset = by_white.stage.at(by_white.solution.correction)
     camera, (target,) = pipeline.ready(dataset.cameras[0].camera), dataset.targets
     white = light_of(out / "cameras/Rig.Camera/white.exr")
     for frame in dataset.frames:

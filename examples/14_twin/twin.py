@@ -16,10 +16,11 @@ import numpy as np
 import pipeline
 from pipeline.files.exr import read_exr
 from pipeline.files.tables import write_table
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
 from pipeline.plugins.fits.real_images import found_images
-from pipeline.plugins.fits.twin import Twin, calibrate, document
+from pipeline.plugins.fits.twin import Twin, document
 from pipeline.plugins.fits.twin_page import page
 from pipeline.scene.tolerances import layer_of_member
 
@@ -103,7 +104,9 @@ def scatter(twin: Twin, rows: np.ndarray) -> float:
 def recovered(twin: Twin, errors: dict[str, float]) -> None:
     """Print what was planted beside what was found."""
     print(f"\n{'number':46} {'drawn':>10} {'found':>10} {'deviation':>10}")
-    for number, by, deviation in zip(twin.stage.numbers, twin.solution.by, twin.solution.deviation, strict=True):
+    for number, by, deviation in zip(
+        twin.stage.numbers, twin.solution.correction, twin.solution.deviation, strict=True
+    ):
         print(f"{number.name[-46:]:46} {errors[number.name]:10.4g} {by:10.4g} {deviation:10.3g}")
 
 

@@ -15,18 +15,42 @@ import numpy as np
 
 from pipeline.files.damaged import DamagedFile
 
+_LARGEST = 2**53
+"""Number from which floats skip whole ones [1]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """A table as text."""
 
+    path: Path
     comments: tuple[str, ...]  # the lines before the header, without "# "
     # Cells as written, in the order of the file; "" where a value is unknown
     columns: dict[str, list[str]]
 
+    def line(self, row: int) -> int:
+        """Line of a row in its file, of cells without line feeds."""
+        return len(self.comments) + 2 + row
+
     def numbers(self, name: str) -> np.ndarray:
-        """A column as (rows,) float64, NaN where the cell is empty."""
-        return np.array([float(cell) if cell else math.nan for cell in self.columns[name]], dtype=np.float64)
+        """A column as (rows,) float64, NaN where the cell is empty. Raises DamagedFile: a cell is no number."""
+        values = np.full(len(self.columns[name]), math.nan)
+        for row, cell in enumerate(self.columns[name]):
+            try:
+                values[row] = float(cell or math.nan)
+            except ValueError:
+                raise DamagedFile(self.path, f"{name} is {cell!r}, no number", line=self.line(row)) from None
+        return values
+
+    def whole_numbers(self, name: str) -> np.ndarray:
+        """A column as (rows,) int64. Raises DamagedFile: a cell is no whole number, or empty."""
+        values = self.numbers(name)
+        is_whole = (values == np.round(values)) & (np.abs(values) < _LARGEST)
+        if not is_whole.all():
+            row = int(is_whole.argmin())
+            cell = self.columns[name][row]
+            raise DamagedFile(self.path, f"{name} is {cell!r}, no whole number", line=self.line(row))
+        return values.astype(np.int64)
 
 
 def write_table(
@@ -80,7 +104,9 @@ def read_table(path: str | Path) -> Table:
     names, *body = rows
     if len(set(names)) < len(names):
         raise DamagedFile(path, "two columns of one name", line=comment_count + 1)
-    return Table(comments=comments, columns={name: [row[i] for row in body] for i, name in enumerate(names)})
+    return Table(
+        path=Path(path), comments=comments, columns={name: [row[i] for row in body] for i, name in enumerate(names)}
+    )
 
 
 def _cells(column: Sequence[Any] | np.ndarray) -> list[str]:

@@ -44,8 +44,7 @@ def _column(table: Table, name: str) -> np.ndarray:
         return np.array(table.columns[name], dtype=str)
     if name not in _COUNTS:
         return table.numbers(name)
-    cells: list[Any] = table.columns[name]
-    return np.array(cells, dtype=np.int64)
+    return table.whole_numbers(name)
 
 
 _FIRST_ROWS = 8

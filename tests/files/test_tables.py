@@ -39,6 +39,15 @@ def test_it_reads_back(tmp_path: Path) -> None:
     np.testing.assert_array_equal(table.numbers("x"), [1, np.nan, 0.1, np.inf, 0])
 
 
+def test_a_cell_that_is_no_number_is_named_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "t").write_text("# title\nx,k\n1.5,2\n1.5e,2.5\n", encoding="utf-8")
+    table = read_table(tmp_path / "t")
+    with pytest.raises(DamagedFile, match=r"t:4: x is '1\.5e', no number"):
+        table.numbers("x")
+    with pytest.raises(DamagedFile, match=r"t:4: k is '2\.5', no whole number"):
+        table.whole_numbers("k")
+
+
 def test_a_lone_column_keeps_its_unknown_rows(tmp_path: Path) -> None:
     """A blank line would not count as a row."""
     write_table(tmp_path / "t", [], {"x": [1.5, None, 2.5]})

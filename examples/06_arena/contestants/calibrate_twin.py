@@ -12,11 +12,11 @@ import numpy as np
 import pipeline
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.files.tables import write_table
+from pipeline.plugins.fits.calibration import calibrate as fitted_with
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
 from pipeline.plugins.fits.predicted_rows import points_of
 from pipeline.plugins.fits.twin import Twin
-from pipeline.plugins.fits.twin import calibrate as fitted_with
 from pipeline.results.ready_camera import ReadyCamera
 
 ARENA = Path(__file__).resolve().parents[1]
@@ -30,7 +30,7 @@ def calibrate(case, option):
     stage = FreeStage(Path(str(case["drawings"])), ["Made"], [ARENA])
     columns = {"frame": case["view"] + 1, "point_id": case["point"]}
     twin = fitted(stage, columns | dict(zip(("x_px", "y_px"), case["image_px"].T, strict=True)), str(case["position"]))
-    by, (variances, axes) = twin.solution.by, np.linalg.eigh(twin.solution.covariance)
+    by, (variances, axes) = twin.solution.correction, np.linalg.eigh(twin.solution.covariance)
     one_sigma = [axis * np.sqrt(max(variance, 0.0)) for variance, axis in zip(variances, axes.T, strict=True)]
     cameras = [pipeline.ready(stage.at(by + more).cameras[0].camera) for more in (np.zeros(len(by)), *one_sigma)]
     centre_mm = np.array(pinhole(cameras[0].camera).centre_mm)
@@ -77,7 +77,7 @@ def fitted(stage: FreeStage, columns: dict[str, np.ndarray], position: str) -> T
 
 def values_of(twin: Twin) -> np.ndarray:
     """Fitted values of the free numbers."""
-    return np.array([number.before for number in twin.stage.numbers]) + twin.solution.by
+    return np.array([number.before for number in twin.stage.numbers]) + twin.solution.correction
 
 
 def vision_poses(twin: Twin) -> np.ndarray:

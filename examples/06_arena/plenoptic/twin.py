@@ -139,5 +139,5 @@ def _calibration(truth: Truth, twin: Twin) -> Calibration:
     values = dict(zip(names, values_of(twin).tolist(), strict=True))
     views = np.array([frame - 1 for frame, _ in twin.views.keys])
     rms_px = float(np.sqrt(np.nanmean((twin.solution.residual_px**2).sum(axis=1))))
-    camera = pipeline.ready(twin.stage.at(twin.solution.by).cameras[0].camera)
+    camera = pipeline.ready(twin.stage.at(twin.solution.correction).cameras[0].camera)
     return Calibration(Solved(camera, truth.ready.rig.axial), values, vision_poses(twin), views, rms_px)

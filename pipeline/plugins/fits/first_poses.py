@@ -18,6 +18,7 @@ from pipeline.plugins.fits.predicted_rows import Views, entries_of, points_of, r
 from pipeline.results.answers import PixelRays
 from pipeline.results.ready_camera import ReadyCamera
 from pipeline.scene.dataset import Dataset
+from pipeline.targets.points import TargetPoints
 
 _LEAST_POINTS = 4
 """Fewest points of a board from which a pose follows."""
@@ -30,94 +31,120 @@ _RAYS_PX = 1e-3
 """Accuracy of rays [px]: of first poses more is not asked."""
 
 
-def first_poses(found: Observations, views: Views, dataset: Dataset) -> np.ndarray:
+def first_poses(observations: Observations, views: Views, dataset: Dataset) -> np.ndarray:
     """Poses of all boards, (v, 4, 4) world_from_target [mm], each by the camera that sees most points of it.
 
     UsageError: too few points of a board are seen, its ids run mirrored, or no pose fits.
     """
-    poses, points, entries = np.empty((len(views.keys), 4, 4)), points_of(dataset), entries_of(dataset)
+    poses = np.empty((len(views.keys), 4, 4))
+    entries = entries_of(dataset)
     for view, (frame, target) in enumerate(views.keys):
-        in_view, of = views.of_rows == view, points[target]
-        seen_by = {name: np.flatnonzero(in_view & (found.camera == name)) for name in np.unique(found.camera[in_view])}
-        entry = entries[max(seen_by, key=lambda name: len(np.unique(found.point_id[seen_by[name]])))]
-        rows = seen_by[entry.full_name]
-        board, ids = of.position_mm[found.point_id[rows]], found.point_id[rows]
-        where = f"{target} in frame {frame} of {entry.full_name}"
-        if (count := len(np.unique(ids))) < _LEAST_POINTS:
-            hint = f"a pose needs {_LEAST_POINTS}: leave out the frame"
-            raise found.error_at(rows[0], f"{where} has {count} point{'s' * (count > 1)}", hint)
-        rig = rig_of(dataset, entry)
-        camera = ReadyCamera(name=entry.full_name, rig=rig, min_hit_fraction=0.0, accuracy_px=_RAYS_PX)
-        rays = camera.rays(*found.x_px[rows].T)
-        if rays.microlens is not None and found.microlens is not None:
-            rays.direction[(rays.microlens != found.microlens[rows]).any(axis=1)] = np.nan  # those of a neighbour
-        try:
-            pose, off_px = _pose(camera, rays, board, ids)
-        except UsageError as error:
-            raise found.error_at(rows[0], f"{where}: {error.message}", error.hint) from None
-        extent_px = float(np.ptp(found.x_px[rows], axis=0).max())
-        if np.sqrt(np.mean(off_px**2)) > _ASTRAY * extent_px:
-            _, mirrored_px = _pose(camera, rays, board * (-1.0, 1.0, 1.0), ids)
-            if np.sqrt(np.mean(mirrored_px**2)) < _ASTRAY * extent_px:
-                raise found.error_at(rows[0], *_mirrored(where))
-            raise found.error_at(rows[0], *_astray(where, ids, off_px))
-        facing = np.einsum("ni,ni->n", of.plane_axes[ids, :, 2] @ pose[:3, :3].T, -apply(pose, board))
-        if (facing < 0).mean() > 0.5:
-            raise found.error_at(rows[0], *_mirrored(where))
+        in_view = views.of_rows == view
+        rows_of = {
+            name: np.flatnonzero(in_view & (observations.camera == name))
+            for name in np.unique(observations.camera[in_view]).tolist()
+        }
+        entry = entries[max(rows_of, key=lambda name: len(np.unique(observations.point_id[rows_of[name]])))]
+        rig, name = rig_of(dataset, entry), entry.full_name
+        camera = ReadyCamera(name=name, rig=rig, min_hit_fraction=0.0, accuracy_px=_RAYS_PX)
+        board = f"{target} in frame {frame} of {name}"
+        pose = _first_pose(observations, rows_of[name], camera, points_of(dataset)[target], board)
         poses[view] = inverse(vision_from_world(dataset, entry)[frame]) @ pose
     return poses
 
 
-def _mirrored(where: str) -> tuple[str, str]:
+def _first_pose(
+    observations: Observations, rows: np.ndarray, camera: ReadyCamera, points: TargetPoints, board: str
+) -> np.ndarray:
+    """The pose of a board, vision_from_target, by the rows of a camera; `board` is its name for errors, which are those
+    of `first_poses`.
+    """
+    ids, x_px = observations.point_id[rows], observations.x_px[rows]
+    if (count := len(np.unique(ids))) < _LEAST_POINTS:
+        hint = f"a pose needs {_LEAST_POINTS}: leave out the frame"
+        raise observations.error_at(rows[0], f"{board} has {count} point{'s' * (count > 1)}", hint)
+    rays = camera.rays(*x_px.T)
+    if rays.microlens is not None and observations.microlens is not None:
+        is_of_neighbour = (rays.microlens != observations.microlens[rows]).any(axis=1)
+        rays.direction[is_of_neighbour] = np.nan
+    points_mm, extent_px = points.position_mm[ids], float(np.ptp(x_px, axis=0).max())
+    try:
+        pose, distance_px = _nearest_pose(camera, rays, points_mm, ids)
+    except UsageError as error:
+        raise observations.error_at(rows[0], f"{board}: {error.message}", error.hint) from None
+    if _rms(distance_px) > _ASTRAY * extent_px:
+        _, mirrored_px = _nearest_pose(camera, rays, points_mm * (-1.0, 1.0, 1.0), ids)
+        is_mirrored = _rms(mirrored_px) < _ASTRAY * extent_px
+        raise observations.error_at(rows[0], *(_mirrored(board) if is_mirrored else _astray(board, ids, distance_px)))
+    normals = points.plane_axes[ids, :, 2] @ pose[:3, :3].T
+    if (np.einsum("ni,ni->n", normals, -apply(pose, points_mm)) < 0).mean() > 0.5:
+        raise observations.error_at(rows[0], *_mirrored(board))
+    return pose
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _mirrored(board: str) -> tuple[str, str]:
     """Error and remedy of a board that would show its back."""
     hint = "CONVENTIONS.md, Targets: ids run from the top left as the viewer sees it"
-    return f"{where} would show its back: its ids run mirrored", hint
+    return f"{board} would show its back: its ids run mirrored", hint
 
 
-def _astray(where: str, ids: np.ndarray, off_px: np.ndarray) -> tuple[str, str]:
+def _astray(board: str, ids: np.ndarray, distance_px: np.ndarray) -> tuple[str, str]:
     """Error and remedy of a pose that does not fit, with the points that do not, if the others do."""
-    middle_px = float(np.median(off_px))
-    far = np.unique(ids[off_px > _FAR * middle_px])
-    what = f"no pose of {where} fits: points are {middle_px:.2g} px off"
-    if 0 < len(far) < len(ids) / 4:
-        named = ", ".join(map(str, far[:6].tolist()))
-        what = f"{what}, but {named} up to {off_px.max():.2g} px"
-    return what, "are ids those of the board, row by row from its top left, and all of one frame?"
+    median_px = float(np.median(distance_px))
+    outliers = np.unique(ids[distance_px > _FAR * median_px])
+    message = f"no pose of {board} fits: points are {median_px:.2g} px off"
+    if 0 < len(outliers) < len(ids) / 4:
+        listed = ", ".join(map(str, outliers[:6].tolist()))
+        message = f"{message}, but {listed} up to {distance_px.max():.2g} px"
+    return message, "are ids those of the board, row by row from its top left, and all of one frame?"
 
 
-def _pose(camera: ReadyCamera, rays: PixelRays, board: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The pose vision_from_target whose points (n, 3) are nearest to the rays, and how far off each is, (n,) [px]; 0
-    where there is no ray.
+def _nearest_pose(
+    camera: ReadyCamera, rays: PixelRays, points_mm: np.ndarray, ids: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The pose vision_from_target whose points (n, 3) are nearest to the rays, and the distance of each from its own,
+    (n,) [px]; 0 where there is no ray.
     """
     f_px, *_, centre_z_mm = paraxial_pinhole(camera.camera).tolist()
-    centre = np.array([0.0, 0.0, centre_z_mm])
-    lit = np.isfinite(rays.direction).all(axis=1) & (rays.direction[:, 2] > 0)
-    origin, way, board, ids = rays.origin_mm[lit] - centre, rays.direction[lit], board[lit], ids[lit]
-    each, first, number = np.unique(ids, return_index=True, return_inverse=True)
-    if len(each) < _LEAST_POINTS:
+    centre_mm = np.array([0.0, 0.0, centre_z_mm])
+    is_lit = np.isfinite(rays.direction).all(axis=1) & (rays.direction[:, 2] > 0)
+    origin_mm, direction = rays.origin_mm[is_lit] - centre_mm, rays.direction[is_lit]
+    lit_points_mm = points_mm[is_lit]
+    point_ids, first_rows, point = np.unique(ids[is_lit], return_index=True, return_inverse=True)
+    if len(point_ids) < _LEAST_POINTS:
         raise UsageError("no light reaches its positions", hint="are they in pixels of this sensor?")
+    # The mean ray of each point crosses a far plane where a pinhole in the centre would send it.
     far_mm = camera.planes_mm[1] - centre_z_mm
-    there = origin + (far_mm - origin[:, 2:]) / way[:, 2:] * way
-    slopes = np.stack([np.bincount(number, there[:, axis]) / np.bincount(number) for axis in (0, 1)], axis=1) / far_mm
-    points = board[first]
-    is_flat = np.ptp(points[:, 2]) < 1e-6 * np.ptp(points[:, :2])
-    flag = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_SQPNP
-    flat = points - (0.0, 0.0, points[:, 2].mean()) if is_flat else points
-    _, turns, shifts, _ = cv2.solvePnPGeneric(flat, slopes[:, None], np.eye(3), None, flags=flag)
+    crossing_mm = origin_mm + (far_mm - origin_mm[:, 2:]) / direction[:, 2:] * direction
+    mean_mm = [np.bincount(point, crossing_mm[:, axis]) / np.bincount(point) for axis in (0, 1)]
+    candidates = _pinhole_poses(lit_points_mm[first_rows], np.stack(mean_mm, axis=1) / far_mm)
 
-    def off(p: np.ndarray) -> np.ndarray:
-        placed = board @ Rotation.from_rotvec(p[:3]).as_matrix().T + p[3:]
-        along = np.einsum("ni,ni->n", placed - origin, way)[:, None]
-        away = placed - origin - along * way
-        return np.asarray(f_px * away / np.abs(along)).ravel()
+    def distances_px(pose: np.ndarray) -> np.ndarray:
+        """Distances from points to rays, as seen from their origins, (3 k,)."""
+        placed_mm = lit_points_mm @ Rotation.from_rotvec(pose[:3]).as_matrix().T + pose[3:]
+        along_mm = np.einsum("ni,ni->n", placed_mm - origin_mm, direction)[:, None]
+        across_mm = placed_mm - origin_mm - along_mm * direction
+        return np.asarray(f_px * across_mm / np.abs(along_mm)).ravel()
 
-    best = None
-    for turn, shift in zip(turns, shifts, strict=True):
-        fit = least_squares(off, np.concatenate([turn.ravel(), shift.ravel()]), x_scale="jac", loss="soft_l1")
-        best = fit if best is None or fit.cost < best.cost else best
-    if best is None:
+    fits = [least_squares(distances_px, candidate, x_scale="jac", loss="soft_l1") for candidate in candidates]
+    if not fits:
         raise UsageError("no pose fits its positions", hint="are they all in one place, or ids not those of the board?")
-    pose = rigid(Rotation.from_rotvec(best.x[:3]).as_matrix(), best.x[3:] + centre)
-    off_px = np.zeros(len(lit))
-    off_px[lit] = np.linalg.norm(off(best.x).reshape(-1, 3), axis=1)
-    return pose, off_px
+    best = min(fits, key=lambda fit: fit.cost)
+    distance_px = np.zeros(len(is_lit))
+    distance_px[is_lit] = np.linalg.norm(distances_px(best.x).reshape(-1, 3), axis=1)
+    return rigid(Rotation.from_rotvec(best.x[:3]).as_matrix(), best.x[3:] + centre_mm), distance_px
+
+
+def _pinhole_poses(points_mm: np.ndarray, slopes: np.ndarray) -> list[np.ndarray]:
+    """Poses of points (n, 3) before a pinhole that sees them at slopes to its axis (n, 2), a turn and a shift each; of
+    a flat board either tilt.
+    """
+    is_flat = np.ptp(points_mm[:, 2]) < 1e-6 * np.ptp(points_mm[:, :2])
+    method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_SQPNP
+    at_zero_mm = points_mm - (0.0, 0.0, points_mm[:, 2].mean()) if is_flat else points_mm  # IPPE asks for z = 0
+    _, turns, shifts, _ = cv2.solvePnPGeneric(at_zero_mm, slopes[:, None], np.eye(3), None, flags=method)
+    return [np.concatenate([turn.ravel(), shift.ravel()]) for turn, shift in zip(turns, shifts, strict=True)]

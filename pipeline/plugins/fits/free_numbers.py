@@ -1,8 +1,7 @@
-"""Numbers of a stage that a fit may move: what they are, how far they may be off, and the dataset with others in their
-place.
+"""Numbers of a stage that a fit may correct, how far they may be off, and the dataset with corrected ones.
 
-A stage is opened once. What it states is read again with each number moved, with all that follows from it: of a camera
-that is focused at a distance, a radius moves the focus, too.
+A stage is opened once. It is read again for each correction, with all that follows from it: of a camera that is focused
+at a distance, a radius moves the focus, too.
 """
 
 import re
@@ -36,9 +35,9 @@ _NORMAL = ("normal", "truncated")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeNumber:
-    """A number that a fit may move, or several that are off together.
+    """A number that a fit may correct, or several that are off together.
 
-    `before`: its value on the stage; `step`: that of its derivatives; `places`: attributes and entries there.
+    `before`: its value on the stage; `step`: that of its derivatives; `entries`: attributes, and the entry of each.
     """
 
     name: str
@@ -46,11 +45,11 @@ class FreeNumber:
     before: float
     step: float
     prior: Tolerance | None
-    places: tuple[tuple[Any, int], ...]
+    entries: tuple[tuple[Any, int], ...]
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of its errors before anything was seen; infinite where nothing pulls it back."""
+        """Standard deviation of its errors before the fit; infinite where nothing pulls it back."""
         return self.prior.spread if self.prior and self.prior.distribution in _NORMAL else np.inf
 
     @property
@@ -61,7 +60,7 @@ class FreeNumber:
 
 
 class FreeStage:
-    """A dataset whose numbers may be others.
+    """A dataset whose numbers may be corrected.
 
     `numbers`: those that are free; `fixed`: names of numbers that were asked for, and have a tolerance of no width.
     """
@@ -76,39 +75,41 @@ class FreeStage:
         self._root: Any = find_dataset(self._stage)
         self.numbers: tuple[FreeNumber, ...] = ()
         self.fixed: list[str] = []
-        tolerances, found = tolerances_of(self._stage), dict[str, FreeNumber]()
+        tolerances, numbers = tolerances_of(self._stage), dict[str, FreeNumber]()
         for name in wanted:
-            for attribute, entry in self._named(name, tolerances):
+            for attribute, entry in self._attributes_named(name, tolerances):
                 tolerance = tolerances.get(attribute.GetPath())
-                for number in self._free(attribute, entry, tolerance):
+                for number in self._numbers_of(attribute, entry, tolerance):
                     if tolerance and not tolerance.spread:
                         self.fixed.append(number.name)
                     else:
-                        found[number.name] = number
-        self.numbers = tuple(found.values())
+                        numbers[number.name] = number
+        self.numbers = tuple(numbers.values())
 
-    def _named(self, name: str, tolerances: Mapping[Any, Tolerance]) -> list[tuple[Any, int | None]]:
-        """Attributes that a name means, each with the entry that alone is meant, if one is."""
+    def _attributes_named(self, name: str, tolerances: Mapping[Any, Tolerance]) -> list[tuple[Any, int | None]]:
+        """Attributes that a name means, each with the entry that alone is meant, if one is: a property, all that a
+        tolerance is of, or all with tolerances below a prim.
+        """
         match = _ENTRY.fullmatch(name)
         path, entry = (match[1], int(match[2])) if match else (name, None)
-        top = str(self._root.GetPath())
-        path = path if path.startswith("/") else f"{top}/{path}"
-        attributes = {str(each.GetPath()): each for prim in self._stage.Traverse() for each in prim.GetAttributes()}
+        path = path if path.startswith("/") else f"{self._root.GetPath()}/{path}"
+        prims = list(self._stage.Traverse())
+        attributes = {str(attribute.GetPath()): attribute for prim in prims for attribute in prim.GetAttributes()}
         if path in attributes:
             return [(attributes[path], entry)]
-        stating = [prim for prim in self._stage.Traverse() if f"{prim.GetPath()}/".startswith(f"{path}/")]
-        named = [each for prim in stating for each in target_paths(prim.GetRelationship("plen:tolerance:of"))]
-        below = named or [each for each in tolerances if str(each).startswith(f"{path}/")]
-        if not below:
-            authored = [key for key, each in attributes.items() if each.HasAuthoredValue()]
+        of_prims = [prim for prim in prims if f"{prim.GetPath()}/".startswith(f"{path}/")]
+        tolerated = [of for prim in of_prims for of in target_paths(prim.GetRelationship("plen:tolerance:of"))]
+        tolerated = tolerated or [of for of in tolerances if str(of).startswith(f"{path}/")]
+        if not tolerated:
+            authored = [key for key, attribute in attributes.items() if attribute.HasAuthoredValue()]
             of_prim = [key for key in authored if key.startswith(f"{path}.plen:")]
             hint = f"name one of {', '.join(of_prim)}" if of_prim else did_you_mean(path, authored)
             hint = hint or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
             raise UsageError(f"{self.path} has no property {name!r}, and no tolerances below it", hint=hint)
-        return [(self._stage.GetAttributeAtPath(each), None) for each in below]
+        return [(self._stage.GetAttributeAtPath(of), None) for of in tolerated]
 
-    def _free(self, attribute: Any, entry: int | None, prior: Tolerance | None) -> list[FreeNumber]:
-        """The numbers of an attribute: one for all its entries, if these are off together."""
+    def _numbers_of(self, attribute: Any, entry: int | None, prior: Tolerance | None) -> list[FreeNumber]:
+        """The numbers of an attribute, or of one entry: one for all entries, if these are off together."""
         try:
             varied = list(varied_numbers(self._stage, attribute.GetPath(), lambda _: None))
         except UnreadableValue as error:
@@ -126,37 +127,41 @@ class FreeStage:
                 before=float(values[group[0]]),
                 step=varied[group[0]].step,
                 prior=prior,
-                places=tuple((attribute, i) for i in group),
+                entries=tuple((attribute, i) for i in group),
             )
             for group in groups
         ]
 
-    def _moved(self, by: np.ndarray) -> dict[Any, Any]:
-        """Values of attributes with numbers moved; UnreadableValue: one leaves the range that its schema states."""
+    def _corrected(self, correction: np.ndarray) -> dict[Any, Any]:
+        """Values of attributes with numbers corrected; UnreadableValue: one leaves the range that its schema states."""
         values: dict[Any, Any] = {}
-        for number, off in zip(self.numbers, by.tolist(), strict=True):
-            for attribute, entry in number.places if off else ():
+        for number, change in zip(self.numbers, correction.tolist(), strict=True):
+            for attribute, entry in number.entries if change else ():
                 path = attribute.GetPath()
                 samples = values.get(path) or samples_of(attribute)
-                values[path] = {time: moved_by(value, entry, off) for time, value in samples.items()}
+                values[path] = {time: moved_by(value, entry, change) for time, value in samples.items()}
                 rule = rule_of(attribute.GetPrim(), attribute.GetName())
                 if rule is not None and not all(map(rule.holds, values[path].values())):
                     raise UnreadableValue(f"<{number.name}> would leave its range, {rule.span}", attribute)
         return values
 
-    def at(self, by: np.ndarray) -> Dataset:
-        """The dataset with each free number moved by so much; PipelineError: there is no such camera."""
-        stage = overridden(self._stage, self._moved(by))  # prims live as long as their stage
+    def at(self, correction: np.ndarray) -> Dataset:
+        """The dataset with corrected numbers, (m,) of them; PipelineError: there is no such camera."""
+        stage = overridden(self._stage, self._corrected(correction))  # prims live as long as their stage
         return read_dataset(find_dataset(stage))
 
-    def around(self, by: np.ndarray) -> list[tuple[Dataset, Dataset]]:
+    def neighbours(self, correction: np.ndarray) -> list[tuple[Dataset, Dataset]]:
         """The datasets beside that one, with each number a step less, and a step more."""
         steps = np.diag([number.step for number in self.numbers])
-        return [(self.at(by - step), self.at(by + step)) for step in steps]
+        return [(self.at(correction - step), self.at(correction + step)) for step in steps]
 
-    def layer(self, out: Path, by: np.ndarray, poses: Mapping[str, Mapping[int, np.ndarray]], about: str) -> str:
-        """Text of a layer that will lie at `out` over the stage: numbers moved, and poses of targets by prim path."""
-        overrides = self._moved(by)
+    def layer(
+        self, out: Path, correction: np.ndarray, poses: Mapping[str, Mapping[int, np.ndarray]], about: str
+    ) -> str:
+        """Text of a layer that will lie at `out` over the stage: corrected numbers, and poses of targets by prim
+        path.
+        """
+        overrides = self._corrected(correction)
         for prim_path, samples in poses.items():
             overrides |= posed(self._stage, prim_path, samples)
         layer = layer_of(self._stage, overrides)

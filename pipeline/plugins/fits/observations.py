@@ -7,6 +7,7 @@ corner or of a micro-image: both are stated, in the file or beside it, and never
 import gzip
 import re
 import zlib
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -25,8 +26,6 @@ dot's, and that of the chief ray."""
 CENTRES = ("centroid", "chief", "none")
 """Positions that programs call the centre of a micro-image: the centroid of its light, and the chief ray through its
 microlens. With `none`, those of a file are left out."""
-_LARGEST = 2**53
-"""Number above which floats skip whole ones."""
 _NO_POINT = -1
 """Frame, and number of the point, of the centre of a micro-image."""
 ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
@@ -83,19 +82,19 @@ class Observations:
     @classmethod
     def of(cls, x_px: np.ndarray, *, microlens: Any = None, board_mm: Any = None, **columns: Any) -> Self:
         """Observations at positions (n, 2); a column is (n,), or one value for all. Without points they are centres."""
-        nowhere = {"frame": _NO_POINT, "point_id": _NO_POINT, "target": "", "file": "", "line": 0}
-        every = {"is_centre": "point_id" not in columns, **nowhere, **columns}
-        broadcast = {name: np.broadcast_to(value, len(x_px)) for name, value in every.items()}
+        defaults = {"frame": _NO_POINT, "point_id": _NO_POINT, "target": "", "file": "", "line": 0}
+        complete = {"is_centre": "point_id" not in columns, **defaults, **columns}
+        broadcast = {name: np.broadcast_to(value, len(x_px)) for name, value in complete.items()}
         return cls(x_px=x_px, microlens=microlens, board_mm=board_mm, **broadcast)
 
     @property
     def kinds(self) -> str:
         """Positions that are observed, in words."""
         points, centres = (np.unique(self.position[self.is_centre == flag]).tolist() for flag in (False, True))
-        return ", ".join([*points, *(f"{each} of micro-images" for each in centres)])
+        return ", ".join([*points, *(f"{centre} of micro-images" for centre in centres)])
 
     def name(self, row: int) -> str:
-        """One of the rows, in words."""
+        """A row in words."""
         camera = self.camera[row] or "the camera"
         if not self.is_centre[row]:
             return f"point {self.point_id[row]} in frame {self.frame[row]} of {camera}"
@@ -105,19 +104,19 @@ class Observations:
 
     def error_at(self, row: int, message: str, hint: str | None = None) -> UsageError:
         """The error about a row, with the file and the line that it comes from."""
-        place = f"{self.file[row]}:{self.line[row]}" if self.line[row] else f"{self.file[row]}"
-        return UsageError(f"{place}: {message}", hint=hint)
+        location = f"{self.file[row]}:{self.line[row]}" if self.line[row] else f"{self.file[row]}"
+        return UsageError(f"{location}: {message}", hint=hint)
 
 
-def joined(parts: Sequence[Observations]) -> Observations:
+def concatenated(parts: Sequence[Observations]) -> Observations:
     """Observations of several files, all with microlenses or none; UsageError: two of them have the same."""
     columns: dict[str, Any] = {}
-    for name in (each.name for each in fields(Observations) if each.name != "board_mm"):
+    for name in (column.name for column in fields(Observations) if column.name != "board_mm"):
         of_parts = [getattr(part, name) for part in parts]
         columns[name] = None if of_parts[0] is None else np.concatenate(of_parts)
-    found = Observations(**columns)
-    _require_once(found)
-    return found
+    observations = Observations(**columns)
+    _require_once(observations)
+    return observations
 
 
 def read_observations(path: Path, stated: Stated) -> Observations:
@@ -134,68 +133,72 @@ def read_observations(path: Path, stated: Stated) -> Observations:
     if not path.is_file():
         raise UsageError(f"there is no file {path}")
     try:
-        found = reader(path, stated)
+        observations = reader(path, stated)
     except DamagedFile as error:
         raise UsageError(error.message, hint="correct it; docs/how_to/calibrate.md has the layout") from error
-    if not len(found):
+    if not len(observations):
         raise UsageError(f"{path} holds no position")
-    for what, of, is_right in (
-        ("position", "is no number", np.isfinite(found.x_px).all(axis=1)),
-        ("sigma", "is not above 0", (found.sigma_px > 0) & np.isfinite(found.sigma_px)),
+    sigma_px = observations.sigma_px
+    for quantity, fault, is_right in (
+        ("position", "is no number", np.isfinite(observations.x_px).all(axis=1)),
+        ("sigma", "is not above 0", (sigma_px > 0) & np.isfinite(sigma_px)),
     ):
         if not is_right.all():
             row = int(is_right.argmin())
-            raise found.error_at(row, f"the {what} of {found.name(row)} {of}", hint="leave out what was not seen")
-    _require_once(found)
-    return found
+            message = f"the {quantity} of {observations.name(row)} {fault}"
+            raise observations.error_at(row, message, hint="leave out what was not seen")
+    _require_once(observations)
+    return observations
 
 
-def _require_once(found: Observations) -> None:
+def _require_once(observations: Observations) -> None:
     """UsageError: a point is twice in an image, or all positions of an image are those of another."""
-    behind = found.x_px.T if found.microlens is None else found.microlens.T
-    image, point = numbered(found.camera, found.frame), (found.target, found.point_id, *behind)
-    _, first = np.unique(numbered(image, *point), return_index=True)
-    if len(again := np.setdiff1d(np.arange(len(found)), first)):
-        raise found.error_at(again[0], f"{found.name(again[0])} is there twice", "leave one of them out")
-    content = numbered(found.camera, *point, *found.x_px.T)
+    microlens = observations.x_px if observations.microlens is None else observations.microlens
+    image = group_numbers(observations.camera, observations.frame)
+    point = (observations.target, observations.point_id, *microlens.T)
+    _, first_rows = np.unique(group_numbers(image, *point), return_index=True)
+    if len(repeated := np.setdiff1d(np.arange(len(observations)), first_rows)):
+        message = f"{observations.name(repeated[0])} is there twice"
+        raise observations.error_at(repeated[0], message, "leave one of them out")
+    content = group_numbers(observations.camera, *point, *observations.x_px.T)
     order = np.lexsort((content, image))
-    alike = dict[bytes, int]()
+    first_row_of = dict[bytes, int]()
     for rows in np.split(order, np.flatnonzero(np.diff(image[order])) + 1):
-        if (other := alike.setdefault(content[rows].tobytes(), rows[0])) != rows[0]:
-            message = f"frame {found.frame[rows[0]]} has the positions of frame {found.frame[other]} again"
+        if (other := first_row_of.setdefault(content[rows].tobytes(), rows[0])) != rows[0]:
+            frame, other_frame = observations.frame[rows[0]], observations.frame[other]
+            message = f"frame {frame} has the positions of frame {other_frame} again"
             hint = "no two images are alike to the last digit: give each frame its own"
-            raise found.error_at(rows[0], message, hint)
+            raise observations.error_at(rows[0], message, hint)
 
 
-def numbered(*columns: np.ndarray) -> np.ndarray:
-    """A number for each row, the same where all columns hold the same."""
-    number = np.zeros(len(columns[0]), np.int64)
-    for column in columns:
-        _, code = np.unique(column, return_inverse=True)
-        _, number = np.unique(number * (code.max(initial=0) + 1) + code, return_inverse=True)
-    return number
+def group_numbers(*columns: np.ndarray) -> np.ndarray:
+    """A number for each row, the same where all columns hold the same, (n,)."""
+    return np.unique(np.rec.fromarrays(columns), return_inverse=True)[1]
 
 
-def _settled(path: Path, stated: Stated, comments: tuple[str, ...], *names: str) -> dict[str, str]:
-    """Words that a file has to say, of what it says and what is said of it."""
-    said = {match[1]: match[2] for line in comments if (match := _STATED.match(line))}
+def _words_about(path: Path, stated: Stated, comments: tuple[str, ...], *names: str) -> dict[str, str]:
+    """Words that a file has to say, each from a comment in it or from what is stated beside it; UsageError: neither
+    says it, both say it differently, or the word is none of those that are allowed.
+    """
+    words = {match[1]: match[2] for line in comments if (match := _STATED.match(line))}
     given = {"pixel_origin": stated.pixel_origin, "position": stated.position, "centres": stated.centres}
     allowed = {"pixel_origin": tuple(ORIGINS), "position": POSITIONS, "centres": CENTRES}
     for name in names:
         option, value = f"--{name.replace('_', '-')}", given[name]
-        if value and said.get(name, value) != value:
-            raise UsageError(
-                f"{path} says {name}: {said[name]}, and {option} says {value}", hint="one of them is wrong"
-            )
-        said[name] = value or said.get(name, "")
-        if said[name] not in allowed[name]:
-            what = f"{path} says {name}: {said[name]}" if said[name] else f"{path} does not say its {name}"
+        if value and words.get(name, value) != value:
+            message = f"{path} says {name}: {words[name]}, and {option} says {value}"
+            raise UsageError(message, hint="one of them is wrong")
+        words[name] = value or words.get(name, "")
+        if words[name] not in allowed[name]:
+            word = words[name]
+            message = f"{path} says {name}: {word}" if word else f"{path} does not say its {name}"
             hint = f"say {option} {'|'.join(allowed[name])}, or write '# {name}: …' above the header of a table"
-            raise UsageError(what, hint=hint)
-    return said
+            raise UsageError(message, hint=hint)
+    return words
 
 
-def _sigma(path: Path, stated: Stated) -> float:
+def _sigma_px(path: Path, stated: Stated) -> float:
+    """Sigma that is stated beside a file; UsageError: none is."""
     if stated.sigma_px is None:
         hint = "say --sigma PX: how far the detector may be off along x and y, one sigma"
         raise UsageError(f"{path} does not say how good its positions are", hint=hint)
@@ -207,59 +210,35 @@ def _csv(path: Path, stated: Stated) -> Observations:
     table = read_table(path)
     is_of_centres = not {"frame", "point_id"} & {*table.columns}
     kind = "centres" if is_of_centres else "position"
-    wanted = ("x_px", "y_px") if is_of_centres else ("frame", "point_id", "x_px", "y_px")
-    if missing := [name for name in wanted if name not in table.columns]:
-        raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(wanted)}, between commas")
-    said = _settled(path, stated, table.comments, "pixel_origin", kind)
+    needed = ("x_px", "y_px") if is_of_centres else ("frame", "point_id", "x_px", "y_px")
+    if missing := [name for name in needed if name not in table.columns]:
+        raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(needed)}, between commas")
+    words = _words_about(path, stated, table.comments, "pixel_origin", kind)
     camera = table.columns.get("camera", [stated.camera or ""])
     if stated.camera and (further := {*camera} - {stated.camera}):
-        what = f"{path} has positions of {min(further) or 'no camera'}, and --camera says {stated.camera}"
-        raise UsageError(what, hint="leave --camera out: the table names its cameras")
-    columns: dict[str, Any] = {} if is_of_centres else {name: _whole(path, table, name) for name in wanted[:2]}
-    if not is_of_centres and "target" in table.columns:
-        columns["target"] = table.columns["target"]
-    if _has(table, *_MICROLENS):
-        columns["microlens"] = np.stack([_whole(path, table, name) for name in _MICROLENS], axis=1)
-    x_px = np.stack([_column(path, table, name) for name in ("x_px", "y_px")], axis=1) - ORIGINS[said["pixel_origin"]]
+        message = f"{path} has positions of {min(further) or 'no camera'}, and --camera says {stated.camera}"
+        raise UsageError(message, hint="leave --camera out: the table names its cameras")
+    columns: dict[str, Any] = {}
+    if not is_of_centres:
+        columns = {name: table.whole_numbers(name) for name in ("frame", "point_id")}
+        columns["target"] = table.columns.get("target", "")
+    if _has_values(table, *_MICROLENS):
+        columns["microlens"] = np.stack([table.whole_numbers(name) for name in _MICROLENS], axis=1)
+    position_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
     return Observations.of(
-        x_px,
-        position=said[kind],
+        position_px - ORIGINS[words["pixel_origin"]],
+        position=words[kind],
         camera=camera,
-        sigma_px=_column(path, table, "sigma_px") if _has(table, "sigma_px") else _sigma(path, stated),
+        sigma_px=table.numbers("sigma_px") if _has_values(table, "sigma_px") else _sigma_px(path, stated),
         file=path,
-        line=_line(table, np.arange(len(x_px))),
+        line=table.line(0) + np.arange(len(position_px)),
         **columns,
     )
 
 
-def _has(table: Table, *names: str) -> bool:
+def _has_values(table: Table, *names: str) -> bool:
+    """Whether a table has these columns, and none of them is empty."""
     return all(any(table.columns.get(name, ())) for name in names)
-
-
-def _line(table: Table, row: Any) -> Any:
-    """Lines of rows: those before are comments and the header."""
-    return len(table.comments) + 2 + row
-
-
-def _column(path: Path, table: Table, name: str) -> np.ndarray:
-    cells = table.columns[name]
-    values = np.empty(len(cells))
-    for row, cell in enumerate(cells):
-        try:
-            values[row] = float(cell or "nan")
-        except ValueError:
-            raise DamagedFile(path, f"{name} is {cell!r}, no number", line=_line(table, row)) from None
-    return values
-
-
-def _whole(path: Path, table: Table, name: str) -> np.ndarray:
-    values = _column(path, table, name)
-    is_whole = (values == np.round(values)) & (np.abs(values) < _LARGEST)
-    if not is_whole.all():
-        row = int(is_whole.argmin())
-        cell = table.columns[name][row]
-        raise DamagedFile(path, f"{name} is {cell!r}, no whole number", line=_line(table, row))
-    return values.astype(np.int64)
 
 
 def _npz(path: Path, stated: Stated) -> Observations:
@@ -272,27 +251,27 @@ def _npz(path: Path, stated: Stated) -> Observations:
     arrays = _arrays(path)
     if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
-    words = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
-    said = _settled(path, stated, tuple(words), "pixel_origin", "position")
+    comments = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
+    words = _words_about(path, stated, tuple(comments), "pixel_origin", "position")
     try:
-        image_px, board_mm, view, point_id = _by_row(arrays)
+        image_px, board_mm, view, point_id = _points_of(arrays)
         frame = np.asarray(arrays["frames"], int)[view] if "frames" in arrays else view + 1
         target = np.asarray(arrays["targets"], str)[view] if "targets" in arrays else np.full(len(view), "")
     except (ValueError, TypeError, IndexError, KeyError):
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items() if array.ndim)
         hint = "(f, n, 2) and (n, 3), or all points one after the other with starts (f + 1,) and ids"
         raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint=hint) from None
-    is_there = ~np.isnan(image_px).any(axis=1)
+    is_observed = ~np.isnan(image_px).any(axis=1)
     return Observations.of(
-        image_px[is_there] - ORIGINS[said["pixel_origin"]],
-        position=said["position"],
+        image_px[is_observed] - ORIGINS[words["pixel_origin"]],
+        position=words["position"],
         camera=stated.camera or "",
-        frame=frame[is_there],
-        target=target[is_there],
-        point_id=point_id[is_there],
-        sigma_px=_sigma(path, stated),
+        frame=frame[is_observed],
+        target=target[is_observed],
+        point_id=point_id[is_observed],
+        sigma_px=_sigma_px(path, stated),
         file=path,
-        board_mm=board_mm[is_there],
+        board_mm=board_mm[is_observed],
     )
 
 
@@ -310,8 +289,8 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         raise UsageError(f"{path} holds lists of arrays, which only a pickle can: it is not read", hint=hint) from error
 
 
-def _by_row(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Image positions (n, 2), places on the board (n, 3), views and ids (n,) of the points of OpenCV's arrays."""
+def _points_of(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions in the image (n, 2) and on the board (n, 3), views and ids (n,) of the points of OpenCV's arrays."""
     image_px, board_mm = (np.asarray(arrays[name], float) for name in ("image_points", "object_points"))
     if "starts" in arrays:
         counts = np.diff(np.asarray(arrays["starts"], int))
@@ -329,19 +308,22 @@ def _vnl(path: Path, stated: Stated) -> Observations:
 
     The frame is the last number in the name of the image, and sigma grows by two with each level, as mrcal weighs it.
     """
-    said = _settled(path, stated, _FROM_ZERO, "pixel_origin", "position")
-    rows, count = list[tuple[int, str, int, int, float, float, float]](), dict[str, int]()
+    words = _words_about(path, stated, _FROM_ZERO, "pixel_origin", "position")
     try:
         text = path.read_bytes().decode()
     except UnicodeDecodeError as error:
         raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
+    columns: dict[str, list[Any]] = {name: [] for name in ("line", "camera", "frame", "point_id")}
+    position_px, scale = list[tuple[float, float]](), list[float]()
+    points_before = Counter[str]()
     for number, line in enumerate(text.splitlines(), 1):
         cells = line.split("#")[0].split()
         if not cells:
             continue
-        name, point = cells[0], count.get(cells[0], 0)
-        count[name] = point + 1
-        digits = re.findall(r"\d+", name)
+        image = cells[0]
+        point = points_before[image]
+        points_before[image] += 1
+        digits = re.findall(r"\d+", image)
         if len(cells) < 3 or not digits:
             raise DamagedFile(path, "no file name with a number, x, y and level", line=number)
         if cells[1] == "-":
@@ -350,20 +332,25 @@ def _vnl(path: Path, stated: Stated) -> Observations:
             x, y, level = float(cells[1]), float(cells[2]), float(cells[3]) if len(cells) > 3 else 0.0
         except ValueError:
             raise DamagedFile(path, f"no number in {line!r}", line=number) from None
-        parts = Path(name).parts
-        camera = stated.camera or (parts[-2] if len(parts) > 1 and "." in parts[-2] else "")
-        rows.append((number, camera, int(digits[-1]), point, x, y, 2.0**level))
-    lines, cameras, frames, points, xs, ys, scale = zip(*rows, strict=True) if rows else [()] * 7
+        columns["line"].append(number)
+        columns["camera"].append(stated.camera or _camera_of_folder(image))
+        columns["frame"].append(int(digits[-1]))
+        columns["point_id"].append(point)
+        position_px.append((x, y))
+        scale.append(2.0**level)
     return Observations.of(
-        np.stack([xs, ys], axis=1).reshape(-1, 2) - ORIGINS[said["pixel_origin"]],
-        position=said["position"],
-        camera=cameras,
-        frame=frames,
-        point_id=points,
-        sigma_px=_sigma(path, stated) * np.array(scale),
+        np.array(position_px).reshape(-1, 2) - ORIGINS[words["pixel_origin"]],
+        position=words["position"],
+        sigma_px=_sigma_px(path, stated) * np.array(scale),
         file=path,
-        line=lines,
+        **columns,
     )
+
+
+def _camera_of_folder(image: str) -> str:
+    """The camera whose name is that of the folder of an image, as in `images/Rig.Camera/0001.png`; else none."""
+    folder = Path(image).parent.name
+    return folder if "." in folder.strip(".") else ""
 
 
 def _libpleno(path: Path, stated: Stated) -> Observations:
@@ -372,23 +359,25 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
     """
     try:
         data, parts, first = gzip.decompress(path.read_bytes()), [], 0
-        for kind in (_LIBPLENO, _CORNER, _FEATURE):
-            count, size = int.from_bytes(data[first : first + 8], "little"), np.dtype(kind).itemsize
-            parts.append(np.frombuffer(data, kind, count, first + 8))
-            first += 8 + count * size
+        for layout in (_LIBPLENO, _CORNER, _FEATURE):
+            count = int.from_bytes(data[first : first + 8], "little")
+            parts.append(np.frombuffer(data, layout, count, first + 8))
+            first += 8 + count * np.dtype(layout).itemsize
     except (ValueError, OSError, EOFError, OverflowError, zlib.error) as error:
         raise DamagedFile(path, f"no observations of libpleno: {error}") from error
     centres, *points = parts
     rows = np.concatenate([part[[str(name) for name, *_ in _CORNER]].astype(_CORNER) for part in points])
-    names = [name for name, each in (("position", rows), ("centres", centres)) if len(each)]
-    said = _settled(path, stated, _FROM_ZERO, "pixel_origin", *names)
-    common = {"camera": stated.camera or "", "sigma_px": _sigma(path, stated), "file": path}
-    of_points = {"position": said.get("position", ""), "frame": rows["frame"], "point_id": rows["cluster"]}
-    origin = ORIGINS[said["pixel_origin"]]
-    observed = Observations.of(rows["x_px"] - origin, **common, **of_points)
-    if said.get("centres", "none") == "none":
-        return observed
-    return joined([observed, Observations.of(centres["x_px"] - origin, position=said["centres"], **common)])
+    needed = [name for name, part in (("position", rows), ("centres", centres)) if len(part)]
+    words = _words_about(path, stated, _FROM_ZERO, "pixel_origin", *needed)
+    origin_px = ORIGINS[words["pixel_origin"]]
+    common = {"camera": stated.camera or "", "sigma_px": _sigma_px(path, stated), "file": path}
+    position = words.get("position", "")
+    of_points = Observations.of(
+        rows["x_px"] - origin_px, position=position, frame=rows["frame"], point_id=rows["cluster"], **common
+    )
+    if words.get("centres", "none") == "none":
+        return of_points
+    return concatenated([of_points, Observations.of(centres["x_px"] - origin_px, position=words["centres"], **common)])
 
 
 _READERS: dict[str, Callable[[Path, Stated], Observations]] = {

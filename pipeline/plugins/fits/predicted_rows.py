@@ -29,7 +29,7 @@ from pipeline.truth.rows import Solutions
 
 _LEAST_PX = 1e-9
 """Finest accuracy of rows [px]: finer than this, traces in double precision round."""
-_OF_SIGMA = 1e-5
+_SIGMA_SHARE = 1e-5
 """Error of rows over that of observations [1]: what it moves is no more than that part of any deviation."""
 _POSE_STEP = 1e-4
 """Step of the pose of a board [rad, mm]: differences err by 1e-8 of the derivative, and round by less."""
@@ -37,7 +37,7 @@ _POSE_STEP = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """Boards in frames: the key of each (frame, target), and the view of each observation, (n,), -1 of a centre."""
+    """Boards in frames: frame and target of each view, and the view of each observation, (n,), -1 of a centre."""
 
     keys: tuple[tuple[int, str], ...]
     of_rows: np.ndarray
@@ -47,8 +47,8 @@ class Views:
         """The views of observations whose targets are named."""
         pairs = list(zip(observations.frame.tolist(), observations.target.tolist(), strict=True))
         keys = sorted({pair for pair, is_centre in zip(pairs, observations.is_centre, strict=True) if not is_centre})
-        number = {key: i for i, key in enumerate(keys)}
-        return cls(tuple(keys), np.array([number.get(pair, -1) for pair in pairs], int))
+        view_of = {key: view for view, key in enumerate(keys)}
+        return cls(tuple(keys), np.array([view_of.get(pair, -1) for pair in pairs], int))
 
     def poses(self, dataset: Dataset) -> np.ndarray:
         """Poses that a dataset states, (v, 4, 4) world_from_target [mm]."""
@@ -101,75 +101,89 @@ class Predictor:
         """Positions (n, 2) with boards at `poses` (v, 4, 4) world_from_target [mm], NaN where the stage has no such
         row; searches begin at `start_px` (n, 2).
         """
-        found_px = np.full((len(self.observations), 2), np.nan)
+        predicted_px = np.full((len(self.observations), 2), np.nan)
         for entry, points, centres in self._cameras(dataset):
             solutions = self._solved(dataset, entry, points, poses, start_px)
-            found_px[points[solutions.point]] = solutions.xy_px
+            predicted_px[points[solutions.point]] = solutions.xy_px
             if len(centres):
-                found_px[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
-        return found_px
+                predicted_px[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
+        return predicted_px
 
     def offsets(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
         """From these positions to those that the detector looks for, (n, 2) [px]; NaN where a point has none."""
-        offset_px, sought = np.full((len(self.observations), 2), np.nan), self.observations.position
-        offset_px[sought == EXACT] = 0.0
+        position = self.observations.position
+        offset_px = np.full((len(self.observations), 2), np.nan)
+        offset_px[position == EXACT] = 0.0
         for entry, points, centres in self._cameras(dataset):
-            rig = rig_of(dataset, entry)
-            for position in {*sought[points].tolist()} - {EXACT}:
-                rows = points[sought[points] == position]
+            for name in {*position[points].tolist()} - {EXACT}:
+                rows = points[position[points] == name]
                 solved = self._solved(dataset, entry, rows, poses, start_px)
-                wanted_px = self._wanted(position, dataset, entry, poses, replace(solved, point=rows[solved.point]))
-                offset_px[rows[solved.point]] = wanted_px - solved.xy_px
+                solved = replace(solved, point=rows[solved.point])
+                offset_px[solved.point] = self._at_position(name, dataset, entry, poses, solved) - solved.xy_px
             offset_px[centres] = 0.0
-            of_light = centres[sought[centres] == "centroid"]
-            if len(of_light):
-                microlens = self._microlens[of_light]
-                offset_px[of_light] = centroids_px(rig, microlens) - chief_px(rig, microlens)
+            centroids = centres[position[centres] == "centroid"]
+            if len(centroids):
+                rig, microlens = rig_of(dataset, entry), self._microlens[centroids]
+                offset_px[centroids] = centroids_px(rig, microlens) - chief_px(rig, microlens)
         return offset_px
 
     def _solved(
         self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, start_px: np.ndarray
     ) -> Solutions:
+        """Positions of J of rows, by their numbers among these, without those that the stage does not have."""
         rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
         guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
-        finest_px = float(self.observations.sigma_px.min()) * _OF_SIGMA
+        finest_px = float(self.observations.sigma_px.min()) * _SIGMA_SHARE
         return solve(rig, guess, planes, min(max(finest_px, _LEAST_PX), 1e-3), 0.0).solutions
 
     def slopes(
         self,
         dataset: Dataset,
-        around: Sequence[tuple[Dataset, Dataset]],
+        neighbours: Sequence[tuple[Dataset, Dataset]],
         steps: Sequence[float],
         poses: np.ndarray,
         solved_px: np.ndarray,
     ) -> Slopes:
-        """Derivatives at solved positions, of which what is NaN is left out, by each number with its two neighbours."""
-        by_number = np.full((len(solved_px), 2, len(around)), np.nan)
+        """Derivatives at solved positions, where these are not NaN, by numbers whose neighbours are a step less and a
+        step more.
+        """
+        by_number = np.full((len(solved_px), 2, len(neighbours)), np.nan)
         by_pose = np.full((len(solved_px), 2, 6), np.nan)
-        for entry, *of_camera in self._cameras(dataset):
-            rows, centres = (each[np.isfinite(solved_px[each, 0])] for each in of_camera)
-            rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
-            by_number[rows], by_number[centres], by_pose[centres] = 0.0, 0.0, 0.0
-            variations, places = [], []
-            for axis in _POSE_STEP * np.eye(6):
-                turned = (self._planes(dataset, entry, rows, moved(poses, by)) for by in (-axis, axis))
-                variations.append(Variation(_POSE_STEP, *(Neighbour(rig.tracer, Planes(each)) for each in turned)))
-            for place, (ends, step) in enumerate(zip(around, steps, strict=True)):
-                sides = [self._neighbour(end, entry, rows, poses, rig) for end in ends]
-                if all(side.tracer is rig.tracer and np.array_equal(side.planes.of_points, planes) for side in sides):
+        is_solved = np.isfinite(solved_px[:, 0])
+        for entry, points, centres in self._cameras(dataset):
+            points, centres = points[is_solved[points]], centres[is_solved[centres]]
+            by_number[points] = by_number[centres] = by_pose[centres] = 0.0
+            rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, points, poses)
+            variations, of_number = self._pose_variations(dataset, entry, points, poses), list[int]()
+            for number, (ends, step) in enumerate(zip(neighbours, steps, strict=True)):
+                less, more = (self._neighbour(end, entry, points, poses, rig) for end in ends)
+                if all(
+                    end.tracer is rig.tracer and np.array_equal(end.planes.of_points, planes) for end in (less, more)
+                ):
                     continue  # the number is none of this camera's
-                variations.append(Variation(step, *sides))
-                places.append(place)
+                variations.append(Variation(step, less, more))
+                of_number.append(number)
                 if len(centres):
-                    less, more = (chief_px(Rig.of(side.tracer), self._microlens[centres]) for side in sides)
-                    by_number[centres, :, place] = (more - less) / (2 * step)
-            if len(rows):
-                solved = SolvedRows(np.arange(len(rows)), self._cells(rig, rows), solved_px[rows], Planes(planes))
+                    less_px, more_px = (chief_px(Rig.of(end.tracer), self._microlens[centres]) for end in (less, more))
+                    by_number[centres, :, number] = (more_px - less_px) / (2 * step)
+            if len(points):
+                solved = SolvedRows(np.arange(len(points)), self._cells(rig, points), solved_px[points], Planes(planes))
                 rates = derivatives(rig, solved, variations).x_px.transpose(0, 2, 1)
-                by_pose[rows], by_number[np.ix_(rows, [0, 1], places)] = rates[:, :, :6], rates[:, :, 6:]
+                by_pose[points], by_number[np.ix_(points, [0, 1], of_number)] = rates[:, :, :6], rates[:, :, 6:]
         return Slopes(by_number=by_number, by_pose=by_pose, arm_mm=self._arms_mm(dataset, poses))
 
+    def _pose_variations(
+        self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray
+    ) -> list[Variation]:
+        """Boards turned about and shifted along each axis, before the same camera."""
+        tracer, variations = rig_of(dataset, entry).tracer, list[Variation]()
+        for step in _POSE_STEP * np.eye(6):
+            less, more = (Planes(self._planes(dataset, entry, rows, moved(poses, end))) for end in (-step, step))
+            variations.append(Variation(_POSE_STEP, Neighbour(tracer, less), Neighbour(tracer, more)))
+        return variations
+
     def _arms_mm(self, dataset: Dataset, poses: np.ndarray) -> np.ndarray:
+        """From origins of boards to points, in the axes of the world, (n, 3); 0 of centres."""
         arms_mm, points = np.zeros((len(self.observations), 3)), points_of(dataset)
         for view, (_, target) in enumerate(self.views.keys):
             rows = np.flatnonzero(self.views.of_rows == view)
@@ -180,8 +194,8 @@ class Predictor:
         """Cameras with their rows, of points and of centres."""
         entries = entries_of(dataset)
         for name in np.unique(self.observations.camera).tolist():
-            of_camera, is_centre = self.observations.camera == name, self.observations.is_centre
-            yield entries[name], np.flatnonzero(of_camera & ~is_centre), np.flatnonzero(of_camera & is_centre)
+            is_of_camera, is_centre = self.observations.camera == name, self.observations.is_centre
+            yield entries[name], np.flatnonzero(is_of_camera & ~is_centre), np.flatnonzero(is_of_camera & is_centre)
 
     @property
     def _microlens(self) -> np.ndarray:
@@ -194,32 +208,37 @@ class Predictor:
 
     def _neighbour(self, end: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, rig: Rig) -> Neighbour:
         """The same rows before another reading of the stage."""
-        there = entries_of(end)[entry.full_name]
-        tracer = rig.tracer if there.camera == rig.tracer.camera else rig.tracer.next_to(there.camera)
-        return Neighbour(tracer, Planes(self._planes(end, there, rows, poses)))
+        entry_at_end = entries_of(end)[entry.full_name]
+        is_same = entry_at_end.camera == rig.tracer.camera
+        tracer = rig.tracer if is_same else rig.tracer.next_to(entry_at_end.camera)
+        return Neighbour(tracer, Planes(self._planes(end, entry_at_end, rows, poses)))
 
     def _planes(self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray) -> np.ndarray:
         """Tangent planes at the point of each row, vision frame, (n, 4, 3)."""
-        planes, points, vision = np.empty((len(rows), 4, 3)), points_of(dataset), vision_from_world(dataset, entry)
+        targets, camera_poses = points_of(dataset), vision_from_world(dataset, entry)
+        planes = np.empty((len(rows), 4, 3))
         for view in np.unique(self.views.of_rows[rows]):
-            some = np.flatnonzero(self.views.of_rows[rows] == view)
-            frame, target = self.views.keys[view]
-            ids, of = self.observations.point_id[rows[some]], points[target]
-            planes[some] = tangent_planes(vision[frame] @ poses[view], of.position_mm[ids], of.plane_axes[ids])
+            frame, name = self.views.keys[view]
+            in_view = self.views.of_rows[rows] == view
+            ids, points = self.observations.point_id[rows[in_view]], targets[name]
+            vision_from_target = camera_poses[frame] @ poses[view]
+            planes[in_view] = tangent_planes(vision_from_target, points.position_mm[ids], points.plane_axes[ids])
         return planes
 
-    def _wanted(
+    def _at_position(
         self, position: str, dataset: Dataset, entry: CameraEntry, poses: np.ndarray, solved: Solutions
     ) -> np.ndarray:
         """Another position than J's of solved observations, (n, 2) [px]; NaN where a point has none."""
-        x_px, rig, vision = solved.xy_px, rig_of(dataset, entry), vision_from_world(dataset, entry)
-        targets = {each.name: each.target for each in dataset.targets}
-        for view in np.unique(self.views.of_rows[solved.point]):
-            some, (frame, name) = self.views.of_rows[solved.point] == view, self.views.keys[view]
-            pose, points = vision[frame] @ poses[view], targets[name].points()
-            planes = Planes(tangent_planes(pose, points.position_mm, points.plane_axes))
-            of = replace(solved.only(some), point=self.observations.point_id[solved.point[some]])
-            x_px[some] = column_set(position, rig, targets[name], pose, planes, of).x_px
+        rig, camera_poses = rig_of(dataset, entry), vision_from_world(dataset, entry)
+        targets = {target.name: target.target for target in dataset.targets}
+        view_of_row, x_px = self.views.of_rows[solved.point], solved.xy_px
+        for view in np.unique(view_of_row):
+            frame, name = self.views.keys[view]
+            in_view, vision_from_target = view_of_row == view, camera_poses[frame] @ poses[view]
+            points = targets[name].points()
+            planes = Planes(tangent_planes(vision_from_target, points.position_mm, points.plane_axes))
+            of_target = replace(solved.only(in_view), point=self.observations.point_id[solved.point[in_view]])
+            x_px[in_view] = column_set(position, rig, targets[name], vision_from_target, planes, of_target).x_px
         return x_px
 
 
@@ -245,12 +264,14 @@ def _of_rows(rig: Rig, microlens: np.ndarray, positions_mm: Float64[np.ndarray, 
     return np.where(rows[:, None] >= 0, rig.tracer.pixels_at(positions_mm[rows]), np.nan)
 
 
-def moved(poses: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Poses (v, 4, 4) turned about their own origins and shifted, in the axes of the world; `by`: (v, 6) or (6,)."""
-    turned = poses.copy()
-    turned[:, :3, :3] = Rotation.from_rotvec(by[..., :3]).as_matrix() @ poses[:, :3, :3]
-    turned[:, :3, 3] += by[..., 3:]
-    return turned
+def moved(poses: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Poses (v, 4, 4) turned about their own origins [rad] and shifted [mm], in the axes of the world; `steps`: (v, 6)
+    or (6,).
+    """
+    moved_poses = poses.copy()
+    moved_poses[:, :3, :3] = Rotation.from_rotvec(steps[..., :3]).as_matrix() @ poses[:, :3, :3]
+    moved_poses[:, :3, 3] += steps[..., 3:]
+    return moved_poses
 
 
 def points_of(dataset: Dataset) -> Mapping[str, TargetPoints]:

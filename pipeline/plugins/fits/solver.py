@@ -14,10 +14,10 @@ from typing import Protocol
 import numpy as np
 
 from pipeline.errors import PipelineError
-from pipeline.plugins.fits.linear_rows import NOTHING, OPEN, Asked, Linear, scale
+from pipeline.plugins.fits.linear_rows import RANK_TOLERANCE, Assumptions, Linearisation, standardised
 from pipeline.plugins.fits.predicted_rows import Slopes, moved
 
-_STEPS, _TRIES = 40, 24
+_STEPS, _TRIALS = 40, 24
 """Most steps, and most trials of one: damping of the numbers alone, of poses, too, then more of it."""
 _FIRST_DAMPING, _LESS, _MORE = 1e-4, 0.1, 10.0
 """Damping of a step after one that went astray, over the largest singular value squared [1], and its changes."""
@@ -36,170 +36,251 @@ _LEAST_ROWS = 0.5
 """Part of the rows that a step has to keep [1]: a camera that loses its image fits what is left of it."""
 _SKIPPED = 1e-8
 """Cosine of a step and of what an update adds to its gradient below which there is none [1], as is usual."""
-_APART = 1e-3
-"""Part of a number in a direction that nothing tells, above which the number is open itself [1]."""
+_OPEN_SHARE = 1e-3
+"""Component of a number in a direction that is open, above which the number is open itself [1]."""
+CREPT = "rows hardly tell which way"
+"""Ending of a fit whose steps creep: a direction of numbers or poses is told by next to nothing."""
 
 
 class Problem(Protocol):
-    """Rows at numbers moved `by` and at poses; PipelineError where there is no such camera.
+    """Rows at corrected numbers and at poses; PipelineError where there is no such camera.
 
-    `residual`: (n, 2), NaN of a row that is not there; `near`: those of numbers and poses nearby. `slopes`: where the
-    residuals are known.
+    `residual`: (n, 2) [px], NaN of a row that is not there; `near`: that of numbers and poses near by. `slopes`: where
+    the residuals are known.
     """
 
-    def residual(self, by: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray: ...
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray: ...
 
-    def slopes(self, by: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes: ...
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solution:
-    """Numbers moved `by` (m,), poses (v, 4, 4), and what is known of both there.
+    """Corrections of numbers (m,), poses (v, 4, 4), and what is known of both there.
 
     `residual_px`: (n, 2), NaN of rows that the stage does not have. `expected`: of chi squared, of each row (n,).
-    `covariance`: (m, m), of the directions that are not open. `open_directions`: of the rows alone, (k, m), in numbers;
-    `are_held`: by priors, all of them. `told`: part of what is known of each number that the rows said, (m,).
-    `ending`: why it ended; `converged`: well. `linear`: rows near by.
+    `covariance`: (m, m), of the directions that are not open. `open_directions`: steps of the numbers that change no
+    row, (k, m), priors aside, and their components over what each number alone would change, (k, m), of unit length;
+    `are_held`: by priors, all of them. `weakest`: components of the direction that rows and priors tell least, (m,).
+    `information_share`: part of what is known of each number that the rows said, (m,). `ending`: why it ended;
+    `converged`: well. `linearisation`: of the rows near by.
     """
 
-    by: np.ndarray
+    correction: np.ndarray
     poses: np.ndarray
     residual_px: np.ndarray
     expected: np.ndarray
     covariance: np.ndarray
     deviation: np.ndarray
     open_directions: np.ndarray
+    open_components: np.ndarray
     are_held: bool
+    weakest: np.ndarray
     at_bound: np.ndarray
-    told: np.ndarray
+    information_share: np.ndarray
     steps: int
     ending: str
     converged: bool
-    linear: Linear
+    linearisation: Linearisation
+
+
+@dataclass(frozen=True, slots=True)
+class _Iterate:
+    """Numbers and poses, and the residuals of rows there."""
+
+    correction: np.ndarray
+    poses: np.ndarray
+    residual: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Step:
+    """A step of numbers and poses to a trial point, and the loss of the rows at both ends, of those that both have.
+
+    `rows`: number of these rows; `is_accepted`: enough are left, and their loss is no larger.
+    """
+
+    trial: _Iterate
+    number_step: np.ndarray
+    pose_steps: np.ndarray
+    rows: int
+    loss_before: float
+    loss_after: float
+    is_accepted: bool
+
+
+class _StepSearch:
+    """Steps of a problem, with the damping and the curvature of rows that one step leaves to the next."""
+
+    def __init__(self, problem: Problem, assumptions: Assumptions, number_count: int) -> None:
+        self.damping = 0.0
+        self._problem, self._assumptions = problem, assumptions
+        self._curvature = np.zeros((number_count, number_count))
+        self._gradient = np.zeros(number_count)
+
+    def learn_curvature(self, linearisation: Linearisation, iterate: _Iterate, last: _Step | None) -> None:
+        """Update the curvature by what the last step changed of the gradient beyond straight rows; forget it where the
+        loss fell fast.
+        """
+        gradient = linearisation.gradient(iterate.correction)
+        if last is None or last.loss_after < (1 - _FALLS) * last.loss_before:
+            self._curvature = np.zeros_like(self._curvature)
+        else:
+            surplus = gradient - self._gradient - linearisation.gradient_change(last.number_step)
+            self._curvature = _rank_one_update(self._curvature, last.number_step, surplus)
+        self._gradient = gradient
+
+    def step(self, linearisation: Linearisation, iterate: _Iterate) -> _Step | None:
+        """The first step that is accepted, of ever more damped ones; None: none of them is."""
+        damps_poses = False
+        for _ in range(_TRIALS):
+            step = self._trial_step(linearisation, iterate, damps_poses)
+            if step.is_accepted:
+                return step
+            if self.damping and not damps_poses:
+                damps_poses = True
+                continue
+            # Damp more, the numbers first; a curvature that led astray is none.
+            self.damping = max(_MORE * self.damping, _FIRST_DAMPING)
+            self._curvature = np.zeros_like(self._curvature)
+            damps_poses = False
+        return None
+
+    def relax(self) -> None:
+        """Damp the next step less, and not at all after one that was hardly damped."""
+        self.damping = _LESS * self.damping if self.damping > _FIRST_DAMPING else 0.0
+
+    def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool) -> _Step:
+        number_step = linearisation.step(iterate.correction, self.damping, self._curvature)
+        pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
+        correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
+        try:
+            residual = self._problem.residual(correction, poses, iterate.residual)
+        except PipelineError:  # there is no such camera
+            residual = np.full_like(iterate.residual, np.nan)
+        # Rows come and go: only those of both ends are compared, or a step that loses rows would look good.
+        is_common = linearisation.is_used & np.isfinite(residual[:, 0])
+        before = _loss(iterate.residual, is_common, iterate.correction, self._assumptions)
+        after = _loss(residual, is_common, correction, self._assumptions)
+        keeps_rows = is_common.sum() >= _LEAST_ROWS * linearisation.is_used.sum()
+        return _Step(
+            trial=_Iterate(correction, poses, residual),
+            number_step=number_step,
+            pose_steps=pose_steps,
+            rows=int(is_common.sum()),
+            loss_before=before,
+            loss_after=after,
+            is_accepted=bool(keeps_rows and after <= before + _SLACK * (before + len(is_common))),
+        )
 
 
 def solve(
-    problem: Problem, asked: Asked, by: np.ndarray, poses: np.ndarray, tell: Callable[[str], None] = lambda _: None
+    problem: Problem,
+    assumptions: Assumptions,
+    correction: np.ndarray,
+    poses: np.ndarray,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Solution:
-    """Fit numbers and poses to rows, from numbers that are moved `by` and from first poses."""
-    damping, step, by_step = 0.0, 0, np.zeros(len(by))
-    curvature, gradient = np.zeros((len(by), len(by))), np.zeros(len(by))
-    residual = problem.residual(by, poses)
-    before, after = np.inf, 0.0
-    ending, converged = f"{_STEPS} steps were not enough", False
-    for step in range(1, _STEPS + 1):
-        linear = Linear(problem.slopes(by, poses, residual), residual, asked)
-        chi2, count = _cost(residual, linear.is_told, by, asked), 2 * linear.is_told.sum()
-        tell(f"step {step}: chi squared {chi2:.6g} of {count} coordinates")
-        if after < (1 - _FALLS) * before:
-            curvature = np.zeros_like(curvature)
-        else:
-            curvature = _updated(curvature, by_step, linear.gradient(by) - gradient - linear.gradient_change(by_step))
-        gradient = linear.gradient(by)
-        with_poses = False
-        for _ in range(_TRIES):
-            by_step = linear.step(by, damping, curvature)
-            pose_steps = linear.pose_steps(by_step, damping if with_poses else 0.0)
-            posed = moved(poses, pose_steps)
-            there = _tried(problem, by + by_step, posed, residual)
-            both = linear.is_told & np.isfinite(there[:, 0])
-            before, after = _cost(residual, both, by, asked), _cost(there, both, by + by_step, asked)
-            if both.sum() >= _LEAST_ROWS * linear.is_told.sum() and after <= before + _SLACK * (before + len(both)):
-                break
-            if with_poses or not damping:
-                damping = max(_MORE * damping, _FIRST_DAMPING)
-                curvature = np.zeros_like(curvature)
-                with_poses = False
-            else:
-                with_poses = True
-        else:
+    """Fit numbers and poses to rows, from first corrections of the numbers and first poses."""
+    iterate = _Iterate(correction, poses, problem.residual(correction, poses))
+    search, step = _StepSearch(problem, assumptions, len(correction)), None
+    count, ending, converged = 0, f"{_STEPS} steps were not enough", False
+    for count in range(1, _STEPS + 1):
+        slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
+        linearisation = Linearisation(slopes, iterate.residual, assumptions)
+        chi2 = _loss(iterate.residual, linearisation.is_used, iterate.correction, assumptions)
+        tell(f"step {count}: chi squared {chi2:.6g} of {2 * linearisation.is_used.sum()} coordinates")
+        search.learn_curvature(linearisation, iterate, step)
+        step = search.step(linearisation, iterate)
+        if step is None:
             ending = "no step made the misfit smaller"
             break
-        way = np.linalg.norm(linear.change(by_step, pose_steps))
-        by, poses, residual = by + by_step, posed, there
-        if damping == 0 and way < SETTLED * np.sqrt(max(1.0, before / (2 * both.sum()))):
+        is_settled = search.damping == 0 and _is_settled(linearisation, step)
+        gain = step.loss_before - step.loss_after
+        creeps = search.damping > 0 and gain < _CREEP * linearisation.decrement(iterate.correction)
+        iterate = step.trial
+        if is_settled:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
-        if damping and before - after < _CREEP * linear.decrement(by - by_step):
-            ending = "rows hardly tell which way: free less, give tolerances, or leave out boards that face the camera"
+        if creeps:
+            ending = CREPT
             break
-        damping = _LESS * damping if damping > _FIRST_DAMPING else 0.0
-    slopes = linear.slopes if converged else problem.slopes(by, poses, residual)
-    return _solution(Linear(slopes, residual, asked), (by, poses, residual), (step, ending, converged))
+        search.relax()
+    if not converged:
+        slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
+    return _solution(Linearisation(slopes, iterate.residual, assumptions), iterate, count, ending, converged)
 
 
-def _updated(curvature: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Curvature of rows after a step, along which the gradient changed by `change` beyond that of straight rows: the
+def _is_settled(linearisation: Linearisation, step: _Step) -> bool:
+    """Whether a step changed rows by next to nothing, in sigma, or in the sigma that their misfit says."""
+    change = np.linalg.norm(linearisation.change(step.number_step, step.pose_steps))
+    return bool(change < SETTLED * np.sqrt(max(1.0, step.loss_before / (2 * step.rows))))
+
+
+def _rank_one_update(curvature: np.ndarray, step: np.ndarray, surplus: np.ndarray) -> np.ndarray:
+    """Curvature of rows after a step, along which the gradient changed by `surplus` beyond that of straight rows: the
     symmetric update of rank one (Nocedal and Wright, Numerical Optimization, 6.24).
     """
-    off = change - curvature @ step
-    along = off @ step
-    if abs(along) <= _SKIPPED * np.linalg.norm(off) * np.linalg.norm(step):
+    missing = surplus - curvature @ step
+    along = missing @ step
+    if abs(along) <= _SKIPPED * np.linalg.norm(missing) * np.linalg.norm(step):
         return curvature
-    return np.asarray(curvature + np.outer(off, off) / along)
+    return np.asarray(curvature + np.outer(missing, missing) / along)
 
 
-def _tried(problem: Problem, by: np.ndarray, poses: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """Residuals elsewhere; NaN where there is no such camera."""
-    try:
-        return problem.residual(by, poses, near)
-    except PipelineError:
-        return np.full_like(near, np.nan)
+def _loss(residual: np.ndarray, rows: np.ndarray, correction: np.ndarray, assumptions: Assumptions) -> float:
+    """Loss of rows, and of priors: chi squared, or Cauchy's loss of it."""
+    size2 = np.nan_to_num(standardised(residual, assumptions)[rows]) ** 2
+    if assumptions.loss_scale is not None:
+        size2 = assumptions.loss_scale**2 * np.log1p(size2 / assumptions.loss_scale**2)
+    return float(size2.sum() + ((correction / assumptions.prior_deviation) ** 2).sum())
 
 
-def _cost(residual: np.ndarray, rows: np.ndarray, by: np.ndarray, asked: Asked) -> float:
-    """Loss of rows, and of priors."""
-    size2 = np.nan_to_num(scale(residual, asked)[rows]) ** 2
-    if asked.loss_scale is not None:
-        size2 = asked.loss_scale**2 * np.log1p(size2 / asked.loss_scale**2)
-    return float(size2.sum() + ((by / asked.deviation) ** 2).sum())
-
-
-def _solution(linear: Linear, at: tuple[np.ndarray, np.ndarray, np.ndarray], end: tuple[int, str, bool]) -> Solution:
+def _solution(linearisation: Linearisation, iterate: _Iterate, steps: int, ending: str, converged: bool) -> Solution:
     """Facts about numbers at the solution."""
-    (by, poses, residual), (steps, ending, converged), asked = at, end, linear.asked
-    numbers, rows = linear.numbers(1 / asked.deviation), 2 * len(residual)
-    leverage = (numbers.basis[:rows] ** 2).sum(axis=1)
-    for view in linear.views:
-        leverage[view.coordinates] += (view.columns.basis**2).sum(axis=1)
-    of_rows = linear.numbers(np.zeros(len(by)))
-    directions = of_rows.open / of_rows.size
-    directions = directions / np.max(np.abs(directions), axis=1, keepdims=True, initial=NOTHING)
-    is_open = (np.abs(numbers.open) > _APART).any(axis=0)
-    deviation = np.where(is_open, np.inf, np.sqrt(np.diag(numbers.covariance)))
+    assumptions, coordinates = linearisation.assumptions, 2 * len(iterate.residual)
+    by_all, by_rows = linearisation.numbers(), linearisation.numbers(has_priors=False)
+    # Of chi squared a row keeps what it does not spend on the fit: its leverage, on the diagonal of the hat matrix.
+    leverage = (by_all.range_basis[:coordinates] ** 2).sum(axis=1)
+    for view in linearisation.views:
+        leverage[view.coordinates] += (view.columns.range_basis**2).sum(axis=1)
+    is_open = (np.abs(by_all.null_space) > _OPEN_SHARE).any(axis=0)
+    deviation = np.where(is_open, np.inf, np.sqrt(np.diag(by_all.covariance)))
     with np.errstate(invalid="ignore"):
-        told = np.where(
-            np.isfinite(asked.deviation), 1 - (deviation / asked.deviation) ** 2, np.where(is_open, 0.0, 1.0)
-        )
+        share = 1 - (deviation / assumptions.prior_deviation) ** 2
     return Solution(
-        by=by,
-        poses=poses,
-        residual_px=residual,
-        expected=np.where(linear.weight > 0, (1 - leverage).reshape(-1, 2).sum(axis=1), 0.0),
-        covariance=numbers.covariance,
+        correction=iterate.correction,
+        poses=iterate.poses,
+        residual_px=iterate.residual,
+        expected=np.where(linearisation.weight > 0, (1 - leverage).reshape(-1, 2).sum(axis=1), 0.0),
+        covariance=by_all.covariance,
         deviation=deviation,
-        open_directions=directions,
-        are_held=not len(numbers.open),
-        at_bound=(np.abs(by) >= asked.reach) & (asked.reach > 0),
-        told=told,
+        open_directions=by_rows.null_space / by_rows.norm,
+        open_components=by_rows.null_space,
+        are_held=not len(by_all.null_space),
+        weakest=by_all.row_space[-1] if len(by_all.row_space) else np.zeros(len(deviation)),
+        at_bound=(np.abs(iterate.correction) >= assumptions.reach) & (assumptions.reach > 0),
+        information_share=np.where(np.isfinite(assumptions.prior_deviation), share, np.where(is_open, 0.0, 1.0)),
         steps=steps,
         ending=ending,
         converged=converged,
-        linear=linear,
+        linearisation=linearisation,
     )
 
 
-def unnoticed(solution: Solution, extra: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Estimates and deviations of further numbers (k,), of which rows have derivatives `extra` (n, 2, k), one at a
-    time beside all that is free: what a mistake would look like, by a last step that is not taken.
+def omitted_parameters(solution: Solution, derivatives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates and deviations of parameters that the fit omits, (k,), one at a time beside all that is free, of which
+    rows have `derivatives` (n, 2, k): what a mistake would look like, by a last step that is not taken.
     """
-    linear = solution.linear
-    columns = linear.scaled(extra)
-    alone = np.linalg.norm(columns, axis=0)
-    basis, off = linear.numbers(1 / linear.asked.deviation).basis, linear.off_with(solution.by)
-    left = np.concatenate([linear.without_poses(columns), np.zeros((len(solution.by), columns.shape[1]))])
+    linearisation, number_count = solution.linearisation, len(solution.correction)
+    columns = linearisation.scaled(derivatives)
+    norm = np.linalg.norm(columns, axis=0)
+    basis = linearisation.numbers().range_basis
+    # What neither poses nor numbers take up of each column (Frisch, Waugh and Lovell).
+    left = np.concatenate([linearisation.without_poses(columns), np.zeros((number_count, columns.shape[1]))])
     left -= basis @ (basis.T @ left)
-    told = (left**2).sum(axis=0)
-    is_told = told > (OPEN * alone) ** 2
-    told = np.where(is_told, told, 1.0)
-    return np.where(is_told, -(left.T @ off) / told, 0.0), np.where(is_told, 1 / np.sqrt(told), np.inf)
+    information = (left**2).sum(axis=0)
+    is_told = information > (RANK_TOLERANCE * norm) ** 2
+    information = np.where(is_told, information, 1.0)
+    estimate = -(left.T @ linearisation.residual_with_priors(solution.correction)) / information
+    return np.where(is_told, estimate, 0.0), np.where(is_told, 1 / np.sqrt(information), np.inf)

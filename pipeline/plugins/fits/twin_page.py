@@ -12,8 +12,8 @@ from pipeline.plugins.fits.twin import Group, region_of
 from pipeline.records.plain import Json
 from pipeline.results.notebook import figure, svg_of
 
-_LEAST_PART = 0.05
-"""Part of a direction below which a number is not named [1]."""
+_LEAST_COMPONENT = 0.05
+"""Component of a direction, over the largest, up to which a number is not named [1]."""
 _WIDTH_IN, _WORDS_IN = 9.0, 0.9
 """Width of the map of a camera, and height of its words [inch]."""
 _ACROSS = 4
@@ -27,37 +27,49 @@ def page(fit: Json) -> Iterator[str]:
     """Lines about the document of a fit."""
     rows = fit["rows"]
     cameras = len(set(rows["camera"]))
-    seen_by = f"{cameras} camera{'s' * (cameras > 1)} in {fit['views']} views"
-    yield f"{len(rows['camera'])} positions ({fit['position']}) of {seen_by}"
+    of_views = f"{cameras} camera{'s' * (cameras > 1)} in {fit['views']} views"
+    yield f"{len(rows['camera'])} positions ({fit['position']}) of {of_views}"
     state = "converged" if fit["converged"] else "NOT CONVERGED"
-    yield f"{state} after {fit['steps']} steps: {fit['ending']}"
+    yield f"{state} after {fit['steps']} step{'s' * (fit['steps'] > 1)}: {fit['ending']}"
     chi2, expected = sum(rows["chi2"]), sum(rows["expected"])
     times = f": errors are {(chi2 / expected) ** 0.5:.3g} times sigma" if expected > 0 else ""
     yield f"chi squared {chi2:.6g}, expected {expected:.6g}{times}"
     yield ""
-    yield f"{'number':44} {'before':>13} {'after':>13} {'deviation':>10} {'prior':>10} {'told':>6}"
+    yield f"{'number':44} {'before':>13} {'after':>13} {'deviation':>10} {'prior':>10} {'share':>6}"
     for number in fit["numbers"]:
-        shown = "open" if number["deviation"] is None else f"{number['deviation']:.3g}"
+        deviation = "open" if number["deviation"] is None else f"{number['deviation']:.3g}"
         prior = "none" if number["prior"] is None else f"{number['prior']:.3g}"
         if number["prior"] is None and number["reach"] is not None:
             prior = f"±{number['reach']:.3g}"
-        end = "  at its bound" if number["at_bound"] else ""
+        bound = "  at its bound" if number["at_bound"] else ""
         name = number["name"] if len(number["name"]) <= 44 else f"…{number['name'][-43:]}"
         values = f"{number['before']:13.8g} {number['after']:13.8g}"
-        yield f"{name:44} {values} {shown:>10} {prior:>10} {number['told']:6.1%}{end}"
+        yield f"{name:44} {values} {deviation:>10} {prior:>10} {number['information_share']:6.1%}{bound}"
     for name in fit["fixed"]:
         yield f"{name}: fixed, its tolerance has no width"
+    units = {number["name"]: number["unit"] for number in fit["numbers"]}
     for direction in fit["open"]:
-        parts = [f"{name} {part:+.3g}" for name, part in direction.items() if abs(part) > _LEAST_PART]
         held = "held by tolerances" if fit["open_are_held"] else "not moved"
-        yield f"open: the rows do not tell {', '.join(parts)}, together; {held}"
+        yield f"open: no row changes with {_open_steps(direction, units)}; {held}"
     yield ""
     yield "chi squared over what noise leaves"
     for kind, groups in fit["chi2"].items():
-        parts = [f"{each['name']}: {each['chi2'] / each['expected']:.3f}" for each in groups if each["expected"] > 0]
-        yield f"  by {kind:7} {'; '.join(parts)}"
-    yield from (f"  note: {each}" for each in fit["untold"])
-    yield from (f"  DOUBT: {each}" for each in fit["doubts"])
+        ratios = [
+            f"{group['name']}: {group['chi2'] / group['expected']:.3f}" for group in groups if group["expected"] > 0
+        ]
+        yield f"  by {kind:7} {'; '.join(ratios)}"
+    yield from (f"  note: {note}" for note in fit["notes"])
+    yield from (f"  DOUBT: {doubt}" for doubt in fit["doubts"])
+
+
+def _open_steps(direction: Json, units: dict[str, str]) -> str:
+    """Steps of numbers that together change no row, in their units, the one that rows would show best first."""
+    size = {name: abs(part["component"]) for name, part in direction.items()}
+    least = _LEAST_COMPONENT * max(size.values())
+    named = sorted((name for name in size if size[name] > least), key=lambda name: -size[name])
+    sign = 1 if direction[named[0]]["step"] > 0 else -1
+    steps = [f"{name} {sign * direction[name]['step']:+.3g} {units[name]}".rstrip() for name in named]
+    return " and ".join(steps)
 
 
 def residual_maps(fit: Json, only: str | None = None) -> str:
@@ -65,13 +77,13 @@ def residual_maps(fit: Json, only: str | None = None) -> str:
     with chi squared of each region over what noise leaves, and of each frame. `only`: the camera that is drawn.
     """
     names = [only] if only else sorted(set(fit["rows"]["camera"]))
-    maps = [_Residuals(fit, name) for name in names]
-    heights = [sum(each.heights_in) for each in maps]
-    shown = figure(_WIDTH_IN, sum(heights))
-    parts = shown.subfigures(len(maps), 1, squeeze=False, height_ratios=heights)[:, 0]
-    for each, part in zip(maps, parts, strict=True):
-        each.draw(part)
-    return svg_of(shown)
+    cameras = [_Residuals(fit, name) for name in names]
+    heights = [sum(camera.heights_in) for camera in cameras]
+    drawing = figure(_WIDTH_IN, sum(heights))
+    parts = drawing.subfigures(len(cameras), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for camera, part in zip(cameras, parts, strict=True):
+        camera.draw(part)
+    return svg_of(drawing)
 
 
 class _Residuals:
@@ -79,14 +91,16 @@ class _Residuals:
 
     def __init__(self, fit: Json, name: str) -> None:
         rows = {key: np.array(fit["rows"][key]) for key in ("camera", "x_px", "sigma_px", "chi2", "expected")}
-        off_px = np.array(fit["rows"]["residual_px"], float)
+        residual_px = np.array(fit["rows"]["residual_px"], float)
         frame = np.array(["white image" if n is None else f"frame {n}" for n in fit["rows"]["frame"]])
-        of_camera = rows["camera"] == name
-        kept = of_camera & np.isfinite(off_px[:, 0])
-        self._x_px, self._off_px, self._frame = rows["x_px"][kept], off_px[kept], frame[kept]
-        self._chi2, self._expected = rows["chi2"][kept], rows["expected"][kept]
+        is_of_camera = rows["camera"] == name
+        kept = is_of_camera & np.isfinite(residual_px[:, 0])
         self._name, self._size_px = name, np.array(fit["sizes_px"][name])
-        self._times = _LONGEST * self._size_px[0] / (5 * float(np.median(rows["sigma_px"][of_camera])))
+        self._x_px = rows["x_px"][kept]
+        self._residual_px = residual_px[kept]
+        self._frame = frame[kept]
+        self._chi2, self._expected = rows["chi2"][kept], rows["expected"][kept]
+        self._times = _LONGEST * self._size_px[0] / (5 * float(np.median(rows["sigma_px"][is_of_camera])))
         self._frames = list(dict.fromkeys(self._frame.tolist()))
 
     @property
@@ -98,10 +112,9 @@ class _Residuals:
     def draw(self, figure: Any) -> None:
         """Draw them: the map of all frames, and below it those of the frames."""
         grid = figure.add_gridspec(len(self.heights_in), _ACROSS, height_ratios=self.heights_in)
-        everything = np.ones(len(self._frame), bool)
         axes = figure.add_subplot(grid[0, :])
-        self._map(axes, everything)
-        rms_px = float(np.sqrt(np.mean(self._off_px**2))) if len(self._off_px) else np.nan
+        self._map(axes, np.ones(len(self._frame), bool))
+        rms_px = float(np.sqrt(np.mean(self._residual_px**2))) if len(self._residual_px) else np.nan
         title = f"{self._name}: predicted minus observed, {self._times:.3g} times; {rms_px:.3g} px rms"
         axes.set_title(f"{title}; χ² over what noise leaves", fontsize="medium")
         axes.set(xlabel="x [px]", ylabel="y [px]")
@@ -115,8 +128,9 @@ class _Residuals:
             axes.set(xticks=[], yticks=[])
 
     def _map(self, axes: Any, rows: np.ndarray) -> None:
+        """Draw a line from each position, as many times longer than its residual as the title says."""
         starts = self._x_px[rows]
-        ends = starts + self._times * self._off_px[rows]
+        ends = starts + self._times * self._residual_px[rows]
         x, y = np.stack([starts, ends, np.full_like(ends, np.nan)], axis=1).reshape(-1, 2).T
         axes.plot(x, y, color=_RED, linewidth=0.8)
         axes.plot(*starts.T, ".", color=_DARK, markersize=2)
@@ -131,11 +145,11 @@ class _Residuals:
             r, c = divmod(i, 3)
             group = self._group((row == r) & (column == c))
             if group.rows:
-                at = (c * wide + 0.02 * wide, r * high + 0.02 * wide)
-                axes.text(*at, _times_expected(group), va="top", fontsize="small", color=_colour(group))
-        for axis, step in ((axes.axvline, wide), (axes.axhline, high)):
-            for line in (1, 2):
-                axis(line * step - 0.5, color="#bbbbbb", linewidth=0.6, zorder=0)
+                corner_px = (c * wide + 0.02 * wide, r * high + 0.02 * wide)
+                axes.text(*corner_px, _times_expected(group), va="top", fontsize="small", color=_colour(group))
+        for draw_line, step in ((axes.axvline, wide), (axes.axhline, high)):
+            for third in (1, 2):
+                draw_line(third * step - 0.5, color="#bbbbbb", linewidth=0.6, zorder=0)
 
     def _group(self, rows: np.ndarray) -> Group:
         sums = {"chi2": float(self._chi2[rows].sum()), "expected": float(self._expected[rows].sum())}

@@ -193,10 +193,10 @@ def calibrate(
     """
     from pipeline.app.stages import draw
     from pipeline.files.jsonfile import json_bytes
+    from pipeline.plugins.fits.calibration import calibrate as fitted
     from pipeline.plugins.fits.free_numbers import FreeStage
     from pipeline.plugins.fits.observations import Stated
     from pipeline.plugins.fits.real_images import found_images
-    from pipeline.plugins.fits.twin import calibrate as fitted
     from pipeline.plugins.fits.twin import document, require_new
     from pipeline.plugins.fits.twin_page import page, residual_maps
     from pipeline.results.notebook import require_plots

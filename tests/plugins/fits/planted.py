@@ -11,9 +11,10 @@ from stage_text import in_the_library, tiny_text
 
 from pipeline.camera.micro_images.light import micro_light
 from pipeline.files.tables import write_table
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated
-from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.plugins.fits.twin import Twin
 from pipeline.render.imaging import irradiance
 from pipeline.results.opening import ready
 from pipeline.results.ready_camera import ReadyCamera

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -27,11 +28,13 @@ from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
+from pipeline.plugins.fits.association import associated
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
-from pipeline.plugins.fits.placement import placed
 from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points_of
-from pipeline.plugins.fits.twin import calibrate
+from pipeline.plugins.fits.twin import document
+from pipeline.plugins.fits.twin_page import page
 from pipeline.scene.load import load, open_dataset
 
 RADIUS = "Rig/Lens/S3.plen:radius"
@@ -68,7 +71,7 @@ def test_a_planted_camera_comes_back_and_its_stage_makes_the_same_rows(tmp_path,
     stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)  # nothing pulls it back
     twin = fitted(stage, exact, tmp_path)
     assert twin.solution.converged and twin.doubts == []
-    np.testing.assert_allclose(twin.solution.by, [0.02, 0.01, -0.02], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(twin.solution.correction, [0.02, 0.01, -0.02], rtol=0, atol=1e-6)
     layer, beside = twin.write(tmp_path / "fitted.usda")
     (tmp_path / "flat.usda").write_text(load(layer, [narrow.path.parent]).flattened)
     assert load(tmp_path / "flat.usda").problems == []  # what a build of it delivers is a dataset again
@@ -87,7 +90,7 @@ def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path,
     """Chief rays, here 0.08 px off: of the planted camera they have no residual, as those of J they would."""
     stage, off = FreeStage(narrow.path, [RADIUS, "Rig/Sensor.plen:offset"]), np.array([0.02, 0.01, -0.02])
     stage.numbers = tuple(replace(number, prior=None) for number in stage.numbers)
-    found = placed(exact, narrow.nominal)
+    found = associated(exact, narrow.nominal)
     dataset = stage.at(off)
     predictor = Predictor(replace(found, position=np.full(len(found), "chief")), Views.of(found))
     poses = predictor.views.poses(dataset)
@@ -96,14 +99,14 @@ def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path,
     file = table(chief, tmp_path / "seen.csv", ["pixel_origin: 0", "position: chief"])
     twin = calibrate(stage, [file], Stated())
     assert twin.solution.converged and np.abs(twin.solution.residual_px).max() < 1e-6
-    np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
-    monkeypatch.setattr("pipeline.plugins.fits.twin._TURNS", 1)
+    np.testing.assert_allclose(twin.solution.correction, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
+    monkeypatch.setattr("pipeline.plugins.fits.calibration._ROUNDS", 1)
     assert "did not settle" in calibrate(stage, [file], Stated()).doubts[0]
 
 
 def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, exact):
     """Means over bundles of ways and slopes, beside differences of solutions."""
-    found = placed(exact, narrow.nominal)
+    found = associated(exact, narrow.nominal)
     predictor, dataset = Predictor(found, Views.of(found)), narrow.nominal
     poses = predictor.views.poses(dataset)
     here = predictor.positions(dataset, poses, found.x_px)
@@ -139,7 +142,7 @@ def test_opencv_finds_the_same_camera_of_the_same_corners(tmp_path, wide):
     _, matrix, distortion, _, _ = cv2.calibrateCamera(
         boards, images, (640, 480), start, None, flags=flags, criteria=(3, 500, 1e-16)
     )
-    ours = pinhole(wide.at(twin.solution.by).cameras[0].camera).distorted
+    ours = pinhole(wide.at(twin.solution.correction).cameras[0].camera).distorted
     assert twin.solution.converged and twin.solution.steps <= 5  # near exact rows Gauss-Newton needs no more
     np.testing.assert_allclose(ours.principal_distance_px, matrix[0, 0], rtol=1e-6)
     np.testing.assert_allclose(ours.principal_point_px, matrix[:2, 2], rtol=1e-6)
@@ -155,7 +158,7 @@ def scattered(folder: Path, seeds: int) -> tuple[np.ndarray, np.ndarray, np.ndar
         noise_px = np.random.default_rng(seed).normal(scale=0.05, size=exact.x_px.shape)
         twin = fitted(stage, replace(exact, x_px=exact.x_px + noise_px), folder)
         values, axes = np.linalg.eigh(twin.solution.covariance)
-        errors.append(axes.T @ (twin.solution.by - OFF) / np.sqrt(values))  # independent, each of variance 1
+        errors.append(axes.T @ (twin.solution.correction - OFF) / np.sqrt(values))  # independent, each of variance 1
         all_of_it = twin.group("all", np.ones(len(twin.observations), bool))
         sums.append((all_of_it.chi2, all_of_it.expected))
     chi, expected = np.array(sums).T
@@ -201,8 +204,8 @@ def corners(plenoptic) -> Observations:
 def test_a_plenoptic_camera_comes_back_from_corners_and_its_white_image(tmp_path, plenoptic, corners, position):
     white = centres(plenoptic, OFF_PLENOPTIC, position, 1e-3)
     twin = fitted(plenoptic, only(corners, slice(None, None, 4)), tmp_path, white)
-    assert twin.solution.converged and twin.doubts == [] and twin.untold == []
-    np.testing.assert_allclose(twin.solution.by, OFF_PLENOPTIC, rtol=0, atol=1e-6)
+    assert twin.solution.converged and twin.doubts == [] and twin.notes == []
+    np.testing.assert_allclose(twin.solution.correction, OFF_PLENOPTIC, rtol=0, atol=1e-6)
 
 
 def test_a_noisy_plenoptic_fit_converges_in_few_steps(tmp_path, plenoptic, corners):
@@ -214,7 +217,7 @@ def test_a_noisy_plenoptic_fit_converges_in_few_steps(tmp_path, plenoptic, corne
     )
     twin = fitted(plenoptic, rows, tmp_path, white)
     assert twin.solution.converged and twin.solution.steps < 8 and twin.doubts == []
-    errors = np.linalg.solve(np.linalg.cholesky(twin.solution.covariance), twin.solution.by - OFF_PLENOPTIC)
+    errors = np.linalg.solve(np.linalg.cholesky(twin.solution.covariance), twin.solution.correction - OFF_PLENOPTIC)
     assert (errors**2).sum() < chi2.ppf(1 - 1e-4, len(errors))
 
 
@@ -225,7 +228,7 @@ def test_a_white_image_alone_tells_where_the_array_is(tmp_path):
     found = white_image(stage, off, sigma_px=2e-3)
     twin = calibrate(stage, [table(found, tmp_path / "white.csv")], Stated())
     assert len(found) > 20 and twin.solution.converged and twin.doubts == []
-    assert np.abs((twin.solution.by - off) / twin.solution.deviation).max() < 5
+    assert np.abs((twin.solution.correction - off) / twin.solution.deviation).max() < 5
     assert np.hypot(*twin.solution.residual_px.T).max() < 5e-3
 
 
@@ -311,8 +314,8 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     np.testing.assert_allclose(told.mistakes[0][:2], -0.5, atol=0.02)
     untold = fitted(FreeStage(narrow.path, []), off, tmp_path)
     astray = fitted(stage, off, tmp_path)  # a radius that a narrow field does not tell
-    assert "rows hardly tell which way" in astray.solution.ending and "did not converge" in astray.doubts[0]
-    assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.untold)
+    assert "did not converge: rows hardly tell /Scene/Rig/Lens/S4.plen:radius: hold" in astray.doubts[0]
+    assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.notes)
 
 
 @pytest.mark.heavy
@@ -324,18 +327,32 @@ def test_a_few_wrong_positions_are_named_and_a_robust_loss_bears_them(tmp_path, 
     named = f"point {exact.point_id[11]} in frame {exact.frame[11]}"
     plain, robust = fitted(wide, wrong, tmp_path), fitted(wide, wrong, tmp_path, loss_scale=3.0)
     assert any(named in doubt for doubt in plain.doubts) and any(named in doubt for doubt in robust.doubts)
-    pulls = [np.abs((twin.solution.by - OFF) / twin.solution.deviation).max() for twin in (plain, robust)]
+    pulls = [np.abs((twin.solution.correction - OFF) / twin.solution.deviation).max() for twin in (plain, robust)]
     assert pulls[1] < 4 < pulls[0]
 
 
-def test_what_rows_leave_open_is_named_and_not_moved(tmp_path, wide):
-    """A pinhole's board of unknown size at an unknown distance."""
+def test_what_rows_leave_open_is_named_in_its_units_and_not_moved(tmp_path, wide):
+    """A pinhole's board of unknown size at an unknown distance; and its principal distance and pixels, which take each
+    other's part.
+    """
     stage = FreeStage(wide.path, ["Board.plen:squareSize", "Rig/Sensor.plen:offset"])
     twin = fitted(stage, seen(stage, np.array([0.0, 0.5, 0.2]), 0.05), tmp_path)
-    assert np.isinf(twin.solution.deviation[0]) and abs(twin.solution.by[0]) < 1e-6
-    np.testing.assert_allclose(twin.solution.by[1:], [0.5, 0.2], atol=1e-6)
-    (direction,) = twin.solution.open_directions
-    assert abs(direction[0]) == 1.0 and np.abs(direction[1:]).max() < 1e-3
+    assert np.isinf(twin.solution.deviation[0]) and abs(twin.solution.correction[0]) < 1e-6
+    np.testing.assert_allclose(twin.solution.correction[1:], [0.5, 0.2], atol=1e-6)
+    (component,) = twin.solution.open_components
+    assert abs(component[0]) > 1 - 1e-6
+    (line,) = [line for line in page(document(twin)) if line.startswith("open: ")]
+    assert re.fullmatch(r"open: no row changes with /Scene/Board\.plen:squareSize \+\S+ mm; not moved", line)
+
+    stage = FreeStage(wide.path, ["Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch"])
+    twin = fitted(stage, seen(stage, np.zeros(2), 0.05), tmp_path, known_poses=True)
+    (line,) = [line for line in page(document(twin)) if line.startswith("open: ")]
+    pitch_mm, distance_mm = (10 * float(step) for step in re.findall(r"([+-]\S+) mm", line))
+    before_px, pitch_px, together_px = (
+        pinhole(stage.at(np.array(steps)).cameras[0].camera).distorted.principal_distance_px
+        for steps in ([0.0, 0.0], [0.0, pitch_mm], [distance_mm, pitch_mm])
+    )
+    assert abs(together_px - before_px) < 0.01 * abs(pitch_px - before_px)  # steps are printed to three digits
 
 
 def test_files_of_others_are_read_alike_and_a_board_of_another_size_is_refused(tmp_path, narrow, exact):

@@ -60,8 +60,8 @@ def test_two_cameras_share_boards_of_which_each_misses_one_and_tell_how_they_sta
     twin = fitted(stage, only(found, ~missed), tmp_path)
     assert twin.solution.converged and twin.doubts == []
     assert {group.name for group in twin.groups["camera"]} == {"Rig.Camera", "Second.Camera"}
-    np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-5)
-    assert "no position shows Board in frame 5: it has the pose of wide.usda there" in twin.untold
+    np.testing.assert_allclose(twin.solution.correction, off, rtol=0, atol=1e-5)
+    assert "no position shows Board in frame 5: it has the pose of wide.usda there" in twin.notes
     layer, _ = twin.write(tmp_path / "fitted.usda")
     poses = [np.array(frame.world_from_target["Board"]) for frame in open_dataset(layer).frames]
     unseen = stage.nominal.frames[4].world_from_target["Board"]
@@ -81,7 +81,7 @@ def test_channels_of_a_camera_tell_a_number_together(tmp_path):
     assert set(found.camera.tolist()) == {"Rig.Camera@blue", "Rig.Camera@red"}
     twin = fitted(stage, found, tmp_path, known_poses=True)
     assert twin.solution.converged and twin.doubts == []
-    np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(twin.solution.correction, off, rtol=0, atol=1e-6)
 
 
 def test_a_camera_whose_focus_changes_is_in_each_frame_in_its_state(tmp_path):
@@ -94,7 +94,7 @@ def test_a_camera_whose_focus_changes_is_in_each_frame_in_its_state(tmp_path):
     for name in ("Rig.Camera", ""):  # the frame says the state
         twin = fitted(stage, replace(found, camera=np.full(len(found), name)), tmp_path, known_poses=True)
         assert twin.solution.converged and twin.doubts == []
-        np.testing.assert_allclose(twin.solution.by, off, rtol=0, atol=1e-5)
+        np.testing.assert_allclose(twin.solution.correction, off, rtol=0, atol=1e-5)
     with pytest.raises(UsageError, match="in another state of lens and sensor in frame"):
         fitted(stage, replace(found, camera=found.camera[::-1]), tmp_path)
 

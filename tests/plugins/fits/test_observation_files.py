@@ -15,8 +15,8 @@ from plugins.fits.planted import narrow_stage
 
 import pipeline
 from pipeline.errors import UsageError
+from pipeline.plugins.fits.association import associated
 from pipeline.plugins.fits.observations import Stated, read_observations
-from pipeline.plugins.fits.placement import placed
 from pipeline.scene.load import open_dataset
 
 EVERYTHING = Stated(pixel_origin="0", position="exact", centres="centroid", sigma_px=0.1)
@@ -148,7 +148,7 @@ def test_what_export_opencv_writes_is_read_again(tmp_path, in_this_process, conv
     assert {*zip(found.frame.tolist(), found.point_id.tolist(), strict=True)} == expected.keys()
     for frame, point, x_px in zip(found.frame.tolist(), found.point_id.tolist(), found.x_px, strict=True):
         np.testing.assert_allclose(x_px, expected[frame, point], rtol=1e-6)
-    assert len(placed(found, open_dataset(DATA / "tiny_conventional/dataset.usda"))) == len(expected)
+    assert len(associated(found, open_dataset(DATA / "tiny_conventional/dataset.usda"))) == len(expected)
 
 
 def test_lists_of_arrays_are_refused_with_what_to_write_instead(tmp_path):

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from pipeline.frames import rigid
-from pipeline.plugins.fits.linear_rows import Asked
+from pipeline.plugins.fits.linear_rows import Assumptions
 from pipeline.plugins.fits.predicted_rows import Slopes, moved
 from pipeline.plugins.fits.solver import solve
 
@@ -23,15 +23,15 @@ class Pinhole:
 
     observed_px: np.ndarray
 
-    def residual(self, by: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
         points = np.concatenate([BOARD_MM @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
-        return (FOCAL_PX + by[0]) * points[:, :2] / points[:, 2:] + by[1:] - self.observed_px
+        return (FOCAL_PX + correction[0]) * points[:, :2] / points[:, 2:] + correction[1:] - self.observed_px
 
-    def slopes(self, by: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         step = 1e-4
 
-        def difference(by_step: np.ndarray, pose_step: np.ndarray) -> np.ndarray:
-            ends = (self.residual(by + sign * by_step, moved(poses, sign * pose_step)) for sign in (1, -1))
+        def difference(number_step: np.ndarray, pose_step: np.ndarray) -> np.ndarray:
+            ends = (self.residual(correction + sign * number_step, moved(poses, sign * pose_step)) for sign in (1, -1))
             return np.subtract(*ends) / (2 * step)
 
         by_number = np.stack([difference(axis, np.zeros(6)) for axis in step * np.eye(3)], axis=2)
@@ -52,10 +52,10 @@ def test_noisy_fits_converge_from_a_mirrored_tilt_and_scatter_by_the_stated_cova
     poses, first = posed(TILTS), posed((TILTS[0], (-0.12, 0.0), TILTS[2]))
     true, exact = np.array([60.0, 5.0, -3.0]), Pinhole(np.zeros((len(BOARD_MM) * len(TILTS), 2)))
     rows_px, random = exact.residual(true, poses), np.random.default_rng(5)
-    asked = Asked(
+    assumptions = Assumptions(
         sigma_px=np.full(len(rows_px), SIGMA_PX),
         view=np.repeat(np.arange(len(TILTS)), len(BOARD_MM)),
-        deviation=np.full(3, np.inf),
+        prior_deviation=np.full(3, np.inf),
         reach=np.full(3, np.inf),
         has_free_poses=True,
         loss_scale=None,
@@ -63,9 +63,9 @@ def test_noisy_fits_converge_from_a_mirrored_tilt_and_scatter_by_the_stated_cova
     errors, misfits, expected = [], 0.0, 0.0
     for _ in range(4):
         noisy = Pinhole(rows_px + random.normal(scale=SIGMA_PX, size=rows_px.shape))
-        solution = solve(noisy, asked, np.zeros(3), first)
+        solution = solve(noisy, assumptions, np.zeros(3), first)
         assert solution.converged and solution.steps < 20
-        errors.append(np.linalg.solve(np.linalg.cholesky(solution.covariance), solution.by - true))
+        errors.append(np.linalg.solve(np.linalg.cholesky(solution.covariance), solution.correction - true))
         misfits += (solution.residual_px**2).sum() / SIGMA_PX**2
         expected += solution.expected.sum()
     for total, count in ((np.square(errors).sum(), np.size(errors)), (misfits, expected)):
@@ -75,10 +75,10 @@ def test_noisy_fits_converge_from_a_mirrored_tilt_and_scatter_by_the_stated_cova
 class Bent:
     """Four rows that are the arctangent of a shift of their board: from 3 on, straight steps go further and further."""
 
-    def residual(self, by: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
         return np.tile([np.arctan(poses[0, 0, 3]), 0.0], (4, 1))
 
-    def slopes(self, by: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         by_pose = np.zeros((4, 2, 6))
         by_pose[:, 0, 3] = 1 / (1 + poses[0, 0, 3] ** 2)
         return Slopes(by_number=np.zeros((4, 2, 0)), by_pose=by_pose, arm_mm=np.zeros((4, 3)))
@@ -86,6 +86,8 @@ class Bent:
 
 def test_a_step_that_goes_astray_is_shortened():
     none, view = np.zeros(0), np.zeros(4, int)
-    asked = Asked(sigma_px=np.ones(4), view=view, deviation=none, reach=none, has_free_poses=True, loss_scale=None)
-    solution = solve(Bent(), asked, none, rigid(np.eye(3), np.array([3.0, 0.0, 0.0]))[None])
+    assumptions = Assumptions(
+        sigma_px=np.ones(4), view=view, prior_deviation=none, reach=none, has_free_poses=True, loss_scale=None
+    )
+    solution = solve(Bent(), assumptions, none, rigid(np.eye(3), np.array([3.0, 0.0, 0.0]))[None])
     assert solution.converged and abs(solution.poses[0, 0, 3]) < 1e-3 and solution.steps <= 8

@@ -37,7 +37,7 @@ def test_the_twin_of_the_example_is_its_real_camera(script, told, apart_px, tmp_
     assert fit["converged"] and real.keys() == numbers.keys()
     for name, number in numbers.items():
         assert abs(number["after"] - real[name]) < 5 * number["deviation"], name
-    assert all(numbers[name]["told"] > 0.3 for name in told)
+    assert all(numbers[name]["information_share"] > 0.3 for name in told)
     assert rms_px(tmp_path / "real", tmp_path / "fitted") < apart_px
 
 

@@ -10,10 +10,11 @@ import pytest
 from places import DATA
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
+from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Stated
 from pipeline.plugins.fits.predicted_rows import points_of
-from pipeline.plugins.fits.twin import Twin, calibrate
+from pipeline.plugins.fits.twin import Twin
 
 ZHANG = np.array([832.5, 303.959, 206.585, -0.228601, 0.190353])
 """Principal distance and point [px], k1, k2, as printed on the page of the data."""
@@ -28,7 +29,7 @@ def twin() -> Twin:
 
 
 def numbers(twin: Twin) -> np.ndarray:
-    camera = pinhole(twin.stage.at(twin.solution.by).cameras[0].camera).distorted
+    camera = pinhole(twin.stage.at(twin.solution.correction).cameras[0].camera).distorted
     return np.array([camera.principal_distance_px, *camera.principal_point_px, *camera.distortion[:2]])
 
 

@@ -1,0 +1,119 @@
+"""Calibration of a stage by what a real camera sees: `pipeline calibrate`."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.errors import UsageError
+from pipeline.formats import EXACT
+from pipeline.plugins.fits.association import associated
+from pipeline.plugins.fits.first_poses import first_poses
+from pipeline.plugins.fits.free_numbers import FreeStage
+from pipeline.plugins.fits.linear_rows import Assumptions
+from pipeline.plugins.fits.observations import Stated, concatenated, read_observations
+from pipeline.plugins.fits.predicted_rows import Predictor, Slopes, Views
+from pipeline.plugins.fits.solver import Solution, solve
+from pipeline.plugins.fits.twin import Twin
+
+_ROUNDS, _SETTLED_OFFSET = 6, 0.01
+"""Most rounds in which other positions than those of J are found where the camera is then, and the change of these over
+sigma that ends them [1]."""
+
+
+class _StageRows:
+    """The problem of the solver: rows of a stage at corrected numbers and at poses.
+
+    `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
+    """
+
+    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray | float) -> None:
+        self._stage, self._predictor = stage, predictor
+        self._detected_px = predictor.observations.x_px
+        self._observed_px = self._detected_px - offset_px  # the position of J, as it were
+
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have."""
+        start_px = self._observed_px if near is None else self._observed_px + near
+        start_px = np.where(np.isfinite(start_px), start_px, self._detected_px)
+        return self._predictor.positions(self._stage.at(correction), poses, start_px) - self._observed_px
+
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
+        """Derivatives where rows have these residuals."""
+        dataset, neighbours = self._stage.at(correction), self._stage.neighbours(correction)
+        steps = [number.step for number in self._stage.numbers]
+        return self._predictor.slopes(dataset, neighbours, steps, poses, self._observed_px + residual)
+
+
+def calibrate(
+    stage: FreeStage,
+    files: Sequence[Path],
+    stated: Stated,
+    *,
+    loss_scale: float | None = None,
+    known_poses: bool = False,
+    tell: Callable[[str], None] = lambda _: None,
+) -> Twin:
+    """Fit the free numbers of a dataset, and the poses of its boards unless they are known, to observed positions.
+
+    Raises UsageError: a file cannot be read, does not belong to the dataset, or no pose of a board fits.
+    """
+    observations = concatenated([associated(read_observations(file, stated), stage.nominal) for file in files])
+    views = Views.of(observations)
+    if known_poses:
+        poses = views.poses(stage.nominal)
+    else:
+        _require_poses_once(stage)
+        poses = first_poses(observations, views, stage.nominal)
+    coordinates = 2 * len(observations)
+    unknowns = len(stage.numbers) + (0 if known_poses else 6 * len(views.keys))
+    if coordinates < unknowns:
+        hint = "free less, or give more images"
+        raise UsageError(f"{coordinates} coordinates do not tell {unknowns} unknowns", hint=hint)
+    assumptions = Assumptions(
+        sigma_px=observations.sigma_px,
+        view=views.of_rows,
+        prior_deviation=np.array([number.deviation for number in stage.numbers]),
+        reach=np.array([number.reach for number in stage.numbers]),
+        has_free_poses=not known_poses,
+        loss_scale=loss_scale,
+    )
+    solution = _solved(stage, Predictor(observations, views), assumptions, poses, tell)
+    return Twin(stage=stage, observations=observations, views=views, solution=solution)
+
+
+def _solved(
+    stage: FreeStage, predictor: Predictor, assumptions: Assumptions, poses: np.ndarray, tell: Callable[[str], None]
+) -> Solution:
+    """The solution by the positions that the detector looks for, which are found again where the camera is then."""
+    observations, correction = predictor.observations, np.zeros(len(stage.numbers))
+    is_predicted = (observations.position == EXACT) | (observations.position == "chief") & observations.is_centre
+    if is_predicted.all():
+        return solve(_StageRows(stage, predictor, 0.0), assumptions, correction, poses, tell)
+    last_px = np.full((len(observations), 2), np.inf)
+    solution: Solution | None = None
+    for _ in range(_ROUNDS):
+        tell(f"looking for positions: {observations.kinds}")
+        offset_px = predictor.offsets(stage.at(correction), poses, observations.x_px)
+        if np.isnan(offset_px).all():
+            hint = "corners of squares have a saddle, discs a centroid, and all points exact"
+            raise UsageError(f"no point of the boards has this position: {observations.kinds}", hint=hint)
+        is_changed = np.abs(offset_px - last_px) >= _SETTLED_OFFSET * observations.sigma_px[:, None]
+        if solution is not None and not is_changed.any():
+            return solution
+        solution = solve(_StageRows(stage, predictor, offset_px), assumptions, correction, poses, tell)
+        correction, poses, last_px = solution.correction, solution.poses, offset_px
+    assert solution is not None
+    ending = "the positions that the detector looks for did not settle"
+    return replace(solution, converged=False, ending=ending)
+
+
+def _require_poses_once(stage: FreeStage) -> None:
+    """UsageError: a number is part of the pose of a board, which is free in each frame anyway."""
+    boards = {entry.prim_path for entry in stage.nominal.targets}
+    for number in stage.numbers:
+        attribute, _ = number.entries[0]
+        if str(attribute.GetPrim().GetPath()) in boards and attribute.GetName().startswith("xformOp:"):
+            what = f"{number.name} is part of the pose of a board, and these are free in each frame"
+            raise UsageError(what, hint="leave it out, or say --poses known")
