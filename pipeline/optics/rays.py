@@ -39,10 +39,14 @@ def directions_to(
     starts_mm: Float64[np.ndarray, "... 3"],
     points_mm: Float64[np.ndarray, "... 2"],
 ) -> np.ndarray:
-    """Unit directions from starts (..., 3) to points (..., 2) of the vertex plane of a table's first surface."""
-    z_mm = np.full((*points_mm.shape[:-1], 1), table[0, column.VERTEX])
-    towards = np.concatenate([points_mm, z_mm], axis=-1) - starts_mm
-    return towards / np.sqrt(dot(towards, towards))[..., None]
+    """Unit directions from starts (..., 3) to points (..., 2) of the vertex plane of a table's first surface.
+
+    Axis by axis: NumPy takes six times as long where the last axis is that short.
+    """
+    ends_mm = (points_mm[..., 0], points_mm[..., 1], table[0, column.VERTEX])
+    x, y, z = (end - starts_mm[..., axis] for axis, end in enumerate(ends_mm))
+    length = np.sqrt(x * x + y * y + z * z)
+    return np.stack([x / length, y / length, z / length], axis=-1)
 
 
 def dot(a: Float64[np.ndarray, "*rays axes"], b: Float64[np.ndarray, "*rays axes"]) -> np.ndarray:

@@ -169,7 +169,8 @@ def edges(
 
     def passes_at(far: np.ndarray) -> np.ndarray:
         """Whether rays at these distances from the inner points pass, (n, m)."""
-        return passes(table, starts[:, None], inside[:, None] + far[..., None] * ray)
+        points = np.stack([inside[:, [axis]] + far * ray[:, axis] for axis in (0, 1)], axis=-1)
+        return passes(table, starts[:, None], points)
 
     return halved(passes_at, np.zeros(shape), farthest, bisections)[1]
 
