@@ -71,7 +71,7 @@ def test_two_cameras_share_boards_of_which_each_misses_one_and_tell_how_they_sta
 def test_channels_of_a_camera_tell_a_number_together(tmp_path):
     bands = "".join(
         f'def PlenChannel "{name}"\n{{\nuniform double[] plen:wavelengths = [{nm - 5}, {nm}, {nm + 5}]\n'
-        "uniform double[] plen:response = [0, 1, 0]\n}\n"
+        "uniform double[] plen:response = [0, 1, 0]\nuniform int plen:nodes = 2\n}\n"
         for name, nm in (("blue", 460), ("red", 630))
     )
     path = written(narrow_stage(tmp_path, frames=2), (RIG, f'{RIG}{GLASSES}over "Sensor"\n{{\n{bands}}}\n'))

@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from builds import made, tiny
+from builds import made
 from debian_mrcal import by_mrcal
 from places import TINY
 from scipy.spatial.transform import Rotation
@@ -210,14 +210,9 @@ def test_mrcal_predicts_the_same_covariance_of_projections(model, known, core):
     np.testing.assert_allclose(known.of_projections(points, np.zeros((3, 0))), expected, rtol=1e-4, atol=1e-7)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("information")
-
-
-def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boards_of_unknown_poses(folder):
+def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boards_of_unknown_poses(plenoptic_build):
     """A shift of the lens along the axis and one of all boards are the same: the one gauge."""
-    known = inform(tiny("plenoptic", folder, folder / "store"), None, None, 0.05)
+    known = inform(plenoptic_build, None, None, 0.05)
     told = known.information
     place = told.names.index("lens_z_mm")
     alone = sum(block.own[place, place] for block in told.blocks) / told.noise_px**2
@@ -228,8 +223,8 @@ def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boar
     assert "<svg" in drawing(known)
 
 
-def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_picture(folder):
-    known = inform(made(TINY, folder / "out", folder / "store").out, None, "pinhole", 0.05)
+def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_picture(conventional_build):
+    known = inform(conventional_build, None, "pinhole", 0.05)
     plain = document(known)
 
     assert json.loads(json.dumps(plain)) == plain
@@ -240,13 +235,13 @@ def test_two_small_boards_leave_projections_open_which_is_null_in_json_and_no_pi
 
 
 @pytest.mark.heavy
-def test_the_report_shows_what_was_said_if_asked(folder, monkeypatch, in_this_process):
-    monkeypatch.setenv("PIPELINE_CACHE", str(folder / "store"))
-    out = made(TINY, folder / "shown", folder / "store").out
+def test_the_report_shows_what_was_said_if_asked(tmp_path, common_store, monkeypatch, in_this_process):
+    monkeypatch.setenv("PIPELINE_CACHE", str(common_store))
+    out = made(TINY, tmp_path / "shown", common_store).out
     code, lines, log = in_this_process("inform", out, "-m", "pinhole", "--report")
-    (script,) = (folder / "shown.report/data").glob("information.Rig.Camera.*.js")
+    (script,) = (tmp_path / "shown.report/data").glob("information.Rig.Camera.*.js")
 
-    assert code == 0 and str(folder / "shown.report/index.html") in log
+    assert code == 0 and str(tmp_path / "shown.report/index.html") in log
     assert json.dumps(lines.splitlines(), separators=(",", ":")) in script.read_text()
 
 
@@ -260,15 +255,13 @@ def test_the_report_shows_what_was_said_if_asked(folder, monkeypatch, in_this_pr
         (EXAMPLE.replace("Nx=12_Ny=9", "Nx=4000_Ny=4000"), "too few points"),
     ],
 )
-def test_models_that_cannot_stand_for_a_camera_are_refused(folder, model, words):
-    out = made(TINY, folder / "out", folder / "store").out
+def test_models_that_cannot_stand_for_a_camera_are_refused(conventional_build, model, words):
     with pytest.raises(FitError, match=words):
-        inform(out, None, model, 0.05)
+        inform(conventional_build, None, model, 0.05)
 
 
-def test_a_folder_that_is_no_build_and_a_camera_that_it_does_not_have_are_refused(folder):
-    out = made(TINY, folder / "out", folder / "store").out
+def test_a_folder_that_is_no_build_and_a_camera_that_it_does_not_have_are_refused(conventional_build):
     with pytest.raises(UsageError, match='did you mean "Rig'):
-        inform(out, "Rig.Camra", None, 0.05)
+        inform(conventional_build, "Rig.Camra", None, 0.05)
     with pytest.raises(UsageError, match="no output folder"):
         inform(TINY, None, None, 0.05)
