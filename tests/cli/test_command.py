@@ -37,7 +37,7 @@ def test_data_and_log_keep_their_order_in_one_pipe(command, stage, monkeypatch):
 
 
 def test_json_is_one_object_as_the_contract_says(pipeline, stage, tmp_path):
-    code, output, _ = pipeline("build", stage(), "-j2", "--json", "-o", "here")
+    code, output, _ = pipeline("build", stage(), "-j1", "--json", "-o", "here")
     summary = json.loads(output)
     assert code == 0 and summary["out"] == str(tmp_path / "here")
     assert list(summary) == ["stage", "out", *STATES, "seconds", "certificate", "points", "tasks"]
@@ -243,7 +243,7 @@ def test_a_spec_that_was_altered_or_is_none_is_refused(pipeline, stage, tmp_path
 def test_logs_print_what_a_task_said_and_took(pipeline, stage, tmp_path):
     said = pipeline("logs", stage(), "rays")[1]
     assert "never built" in said and "; -o names another folder" in said
-    pipeline("build", stage(), "-j2")
+    pipeline("build", stage(), "-j1")
     code, output, _ = pipeline("logs", "s.json", "image")
     assert code == 0 and output.count("rendering\n") == 2
     assert re.search(
@@ -295,7 +295,7 @@ def test_retries_try_a_failure_again(pipeline, stage, tmp_path):
 
 
 def test_events_are_lines_of_json_and_tell_the_same_story(pipeline, stage, tmp_path):
-    pipeline("build", stage(), "-j2", "--events", "events.jsonl")
+    pipeline("build", stage(), "-j1", "--events", "events.jsonl")
     events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text().splitlines()]
     assert events[0]["event"] == "begin" and events[-1]["event"] == "end"
     assert sum(event["event"] == "done" for event in events) == 5

@@ -97,11 +97,11 @@ def test_positions_that_a_detector_looks_for_are_those_that_are_fitted(tmp_path,
     chief = replace(exact, x_px=exact.x_px + predictor.offsets(dataset, poses, exact.x_px))
     assert np.abs(chief.x_px - exact.x_px).max() > 0.05
     file = table(chief, tmp_path / "seen.csv", ["pixel_origin: 0", "position: chief"])
-    twin = calibrate(stage, [file], Stated())
+    twin = calibrate(stage, [file], Stated(), known_poses=True)
     assert twin.solution.converged and np.abs(twin.solution.residual_px).max() < 1e-6
     np.testing.assert_allclose(twin.solution.correction, off, rtol=0, atol=1e-3)  # a micrometre of a radius of 39 mm
     monkeypatch.setattr("pipeline.plugins.fits.calibration._ROUNDS", 1)
-    assert "did not settle" in calibrate(stage, [file], Stated()).doubts[0]
+    assert "did not settle" in calibrate(stage, [file], Stated(), known_poses=True).doubts[0]
 
 
 def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, exact):
