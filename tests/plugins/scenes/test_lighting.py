@@ -288,6 +288,13 @@ def test_a_material_for_previews_is_drawn_where_the_full_one_cannot_be(tmp_path)
     assert drawn_with(tmp_path, content) == (pytest.approx(0.4, rel=1e-6), [])
 
 
+def test_a_binding_to_a_shader_binds_nothing_and_is_named(tmp_path):
+    content = SUN + WALL % "rel material:binding = </Scene/Paper/Surface>" + SURFACE % ("", "")
+    light, [told] = drawn_with(tmp_path, content)
+    assert light == pytest.approx(0.18, rel=1e-6)
+    assert told.at == "/Scene/Wall.material:binding" and "which is a Shader" in told.message
+
+
 CORNERS = [(-45.0, 45.0), (45.0, 45.0), (45.0, -45.0), (-45.0, -45.0)]
 """Places near the corners of the wall in the order of its vertices; the camera's y points down."""
 
@@ -501,7 +508,7 @@ def test_what_the_check_says_is_what_an_image_shows(kind: str, z: tuple, centre:
     ("flaw", "mended"),
     [
         ("normal3f[] normals = [(0, 0, 1), (0, 1, 0)]", "normal3f[] normals = []"),
-        ("rel material:binding = </Scene/Paper>", "rel material:binding = </Scene/Board>"),
+        ("rel material:binding = </Scene/Paper>", "rel material:binding"),
     ],
 )
 def test_a_file_that_was_mended_is_read_again_in_the_same_process(tmp_path, flaw, mended):

@@ -581,6 +581,28 @@ def test_a_skeleton_moves_points_and_normals_and_blend_shapes_add_to_them_at_eac
         np.testing.assert_allclose(entry.finish.normals[0], (0, 1, 0, -s, c, 0, -s, c, 0), rtol=0, atol=2e-6)
 
 
+@pytest.mark.parametrize("is_before", [False, True])
+@pytest.mark.parametrize("kind", ["copy", "instances"])
+def test_each_of_several_that_are_one_character_moves_once(kind: str, is_before: bool, tmp_path):
+    """A copy whose animation keeps the elbow straight, or two instances; elbows of the others turn by 45 degrees."""
+    straight = 'over "Moves"\n{\nquatf[] rotations = [(1, 0, 0, 0), (1, 0, 0, 0)]\n}'
+    copy = f'def "Copy" (references = </Scene/Things/Hero>)\n{{\n{straight}\n}}\n'
+    crowd = (
+        'def PointInstancer "Crowd"\n{\nint[] protoIndices = [0, 0]\npoint3f[] positions = [(0, 0, 0), (0, 50, 0)]\n'
+        "rel prototypes = </Scene/Things/Hero>\n}\n"
+    )
+    more = copy if kind == "copy" else crowd
+    loaded = load(scene(tmp_path, (more + ARM if is_before else ARM + more).replace("4.5", "3.5"), 2))
+    assert loaded.problems == []
+    tips = {one.prim_path: one.occluder.vertices_mm[1] for one in loaded.dataset.occluders_in(loaded.dataset.frames[1])}
+    bent = (10 + 50**0.5, 50**0.5, 0)
+    wanted = {"Hero": bent, "Copy": (20, 0, 0), "Instance_0": bent, "Instance_1": bent}
+    assert len(tips) == (2 if kind == "copy" else 3)
+    for path, tip in tips.items():
+        name = next(part for part in path.split("/") if part in wanted)
+        np.testing.assert_allclose(tip, wanted[name], rtol=0, atol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [
@@ -672,6 +694,17 @@ def test_indices_of_colours_that_are_not_there_are_named(tmp_path):
     colours = "color3f[] primvars:displayColor = [(1, 0, 0)]\nint[] primvars:displayColor:indices = [0, 7]\n"
     loaded = load(scene(tmp_path, f'def Sphere "Ball"\n{{\n{colours}}}\n', lit=True))
     assert [(each.code, "indices of values" in each.message) for each in loaded.problems] == [("not-drawn", True)]
+
+
+def test_several_colours_of_a_whole_shape_are_named(tmp_path):
+    """Those of an exporter that forgot their interpolation."""
+    colours = "color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)]"
+    loaded = load(scene(tmp_path, mesh_text("Flag", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], colours), lit=True))
+    assert [(each.code, "3 values and is constant" in each.message) for each in loaded.problems] == [
+        ("not-drawn", True)
+    ]
+    [entry] = loaded.dataset.occluders
+    assert entry.finish.primvars["displayColor"].tolist() == [[1, 0, 0] * 3]
 
 
 def test_animated_faces_of_a_subset_are_named(tmp_path):

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdShade
 
 from pipeline.plugins.scenes.lighting.records import Finish, Numbers
 from pipeline.plugins.scenes.reading.lamps import is_lit
@@ -15,7 +15,7 @@ from pipeline.scene.occluders import shapes_in_images
 from pipeline.scene.usd.meshes import Drawn, alike, appearance_key, drawn, likeness_with_above
 from pipeline.scene.usd.problems import Problem, not_drawn, of_reader, problem, warning
 from pipeline.scene.usd.readers import read_once
-from pipeline.scene.usd.values import UnreadableValue, plain, read, targets
+from pipeline.scene.usd.values import UnreadableValue, plain, read, target_paths, targets
 
 
 @partial(read_once, named=appearance_key)
@@ -59,12 +59,25 @@ def _carried(
     except UnreadableValue as error:
         flaws.append(_ignored(error))
     for name, primvar in sorted(wanted.items()):
+        flaws += _several(prim, primvar, time)
         try:
             primvars[name] = _primvar(prim, shape, primvar, time)
         except UnreadableValue as error:
             flaws.append(_ignored(error))
             primvars[name] = np.tile(primvar.fallback, (len(shape.corners), 3))
     return normals, primvars, flaws
+
+
+def _several(prim: Usd.Prim, wanted: Wanted, time: Usd.TimeCode) -> list[Problem]:
+    """A warning of a primvar that is constant on its shape, and has several values."""
+    primvar = primvar_of(prim, wanted)
+    if primvar is None or primvar.GetInterpolation() != UsdGeom.Tokens.constant:
+        return []
+    if (count := len(values_of(primvar, time))) < 2:
+        return []
+    attribute = primvar.GetAttr()
+    message = f'"{attribute.GetName()}" has {count} values and is constant: the first one counts everywhere'
+    return [not_drawn(attribute, message, "write its interpolation: uniform, vertex, varying or faceVarying")]
 
 
 def _ignored(error: UnreadableValue) -> Problem:
@@ -155,3 +168,16 @@ def check_finishes(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
                 continue  # with its next value: one in a third-party layer counts as not written from now on
         waiting.pop(0)
     yield from remarks
+    for prim in root.GetStage().Traverse() if has_light else ():
+        yield from _not_bound(prim)
+
+
+def _not_bound(prim: Usd.Prim) -> Iterator[Problem]:
+    """Warnings of bindings that name something else than a Material, which USD ignores."""
+    for purpose in (UsdShade.Tokens.allPurpose, UsdShade.Tokens.full, UsdShade.Tokens.preview):
+        binding = UsdShade.MaterialBindingAPI(prim).GetDirectBindingRel(purpose)
+        for path in target_paths(binding):
+            named = prim.GetStage().GetPrimAtPath(path)
+            if named and not named.IsA(UsdShade.Material):
+                message = f'"{binding.GetName()}" names <{path}>, which is a {named.GetTypeName()}: it binds nothing'
+                yield not_drawn(binding, message, "name the Material")

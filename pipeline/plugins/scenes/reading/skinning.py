@@ -1,6 +1,6 @@
 """Skinned meshes baked at each frame, in the session layer of a stage: no file changes."""
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
 
@@ -14,7 +14,7 @@ def bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     """Write the points of all skinned meshes at the frames, and only there: between them joints do not move evenly."""
     skinned = [prim for prim in stage.Traverse() if prim.HasAPI(UsdSkel.BindingAPI)]
     bound = [prim for prim in skinned if UsdSkel.Root.Find(prim)]
-    roots = list(dict.fromkeys(UsdSkel.Root.Find(prim).GetPrim() for prim in bound))
+    roots = dict.fromkeys(UsdSkel.Root.Find(prim).GetPath() for prim in bound)
     loose = list(map(_without_root, (prim for prim in skinned if _is_skinned(prim) and not UsdSkel.Root.Find(prim))))
     if not bound or not frames:
         return loose
@@ -25,6 +25,7 @@ def bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
     session = stage.GetSessionLayer()
     sampled = list[Sdf.Path]()
     with Usd.EditContext(stage, session):
+        # UsdSkel bakes at samples and at integers: samples at the frames are what USD interpolates there.
         for animation in [prim for prim in stage.Traverse() if prim.IsA(UsdSkel.Animation)]:
             for attribute in filter(None, map(animation.GetAttribute, _WEIGHTS)):
                 values = {frame: attribute.Get(frame) for frame in frames}
@@ -35,18 +36,26 @@ def bake(stage: Usd.Stage, frames: Sequence[int]) -> list[Problem]:
                     sampled.append(attribute.GetPath())
         for prim in bound:
             _offer_normals(prim)
-        for root in roots:
-            UsdSkel.BakeSkinning(UsdSkel.Root(root), Gf.Interval(min(frames), max(frames)))
+        # Roots that refer to others come first: they would have what is written to these, and be skinned twice.
+        referring = {path: _referred(stage.GetPrimAtPath(path), roots.keys()) for path in roots}
+        for path in sorted(roots, key=lambda path: referring[path], reverse=True):
+            UsdSkel.BakeSkinning(UsdSkel.Root.Get(stage, path), Gf.Interval(min(frames), max(frames)))
         for mesh in filter(None, map(UsdGeom.PointBased, bound)):
             if mesh.GetPointsAttr().GetNumTimeSamples() > mesh.GetNormalsAttr().GetNumTimeSamples():
                 mesh.GetNormalsAttr().Block()  # of faces, which it does not turn
-    with Sdf.ChangeBlock():
+    with Sdf.ChangeBlock():  # the samples of animations have done their service
         for path in sampled:
             spec = session.GetAttributeAtPath(path)
             spec.owner.RemoveProperty(spec)
     _keep_frames(session, frames)
     unbaked = (prim for prim in bound if not _is_baked(session, prim.GetPath()))
     return loose + [_unbaked(prim) for prim in unbaked if prim.IsA(UsdGeom.Boundable) and _is_skinned(prim)]
+
+
+def _referred(root: Usd.Prim, roots: Set[Sdf.Path]) -> int:
+    """Number of other roots of the same stage to which a root refers, directly or not."""
+    own, layers = root.GetPath(), set(root.GetStage().GetLayerStack())
+    return sum(spec.layer in layers and spec.path in roots and spec.path != own for spec in root.GetPrimStack())
 
 
 def _keep_frames(layer: Sdf.Layer, frames: Sequence[int]) -> None:
