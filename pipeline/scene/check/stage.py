@@ -7,7 +7,7 @@ tokens and ranges, and then ask whether the parts can be built.
 from collections.abc import Callable, Hashable, Iterable, Iterator, Set
 from pathlib import Path
 
-from pxr import Pcp, Sdf, Usd, Vt
+from pxr import Pcp, Sdf, Usd, UsdGeom, Vt
 
 from pipeline.limits import limits
 from pipeline.scene.camera import check_camera, check_planes
@@ -84,7 +84,7 @@ def check(stage: Usd.Stage, roots: list[Path], third_party: ThirdPartyLayers) ->
             prims.append(prim)
         else:
             everything.PruneChildren()
-            problems += third_party.settled([_of_dangling(prim)])
+            problems += third_party.settled([] if _holds_prototypes(prim) else [_of_dangling(prim)])
     # Prims one by one; instances of a prim without problems have none either.
     wrong = set[Sdf.Path]()
     faultless = set[Hashable]()
@@ -145,6 +145,15 @@ def _check_part(prim: Usd.Prim, wrong: Set[Sdf.Path]) -> list[Problem]:
     problems += check_target(prim, wrong) if prim.IsA("PlenTarget") else []
     problems += check_sensor(prim) if prim.IsA("PlenSensor") and prim.GetPath() not in wrong else []
     return problems + ([*check_camera(prim), *check_unused_thermal(prim)] if is_camera(prim) else [])
+
+
+def _holds_prototypes(prim: Usd.Prim) -> bool:
+    """Whether a prim below a point instancer is, or holds, a prototype: nothing has to define it, for it is drawn as
+    instances alone.
+    """
+    instancer = UsdGeom.PointInstancer(prim.GetParent())
+    prototypes = instancer.GetPrototypesRel().GetForwardedTargets() if instancer else []
+    return any(prototype.HasPrefix(prim.GetPath()) for prototype in prototypes)
 
 
 def _of_dangling(prim: Usd.Prim) -> Problem:

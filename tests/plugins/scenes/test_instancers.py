@@ -176,3 +176,17 @@ def test_what_is_wrong_with_one_instance_leaves_the_others(edits: list, there: l
     loaded = load(scene(tmp_path, 'def "First" (references = @first.usda@)\n{\n}\n'))
     assert [each.code for each in loaded.problems] == codes and loaded.errors == []
     assert sorted((x, y, size) for x, y, _, size in places(loaded)) == there
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("double size = 1", 'double size = 1\nuniform token[] xformOpOrder = ["!resetXformStack!"]'),
+        ('def Cube "Small"', 'over "Small" (references = </Scene/Things/Apart>)'),
+    ],
+)
+def test_a_prototype_stands_where_its_instancer_places_it_whatever_is_above_it(edit: tuple, tmp_path):
+    """It may leave out transforms above itself, as in `ComputeInstanceTransformsAtTime`, and need not be defined."""
+    apart = 'class Cube "Apart"\n{\n}\n'
+    loaded = load(scene(tmp_path, apart + edited(FIRST, edit)))
+    assert loaded.problems == [] and places(loaded) == [[0, 0, -450, 1], [9, 0, -450, 1]]

@@ -17,6 +17,8 @@ _INSTANCE = re.compile(r"Instance_(\d+)")
 """Names of prims that stand for an instance, below its point instancer."""
 _COUNTED = 10
 """Multiple of the limit up to which instances are counted [1]: to read a million of them takes seconds."""
+_RESET = "!resetXformStack!"
+"""Entry of an xformOpOrder by which the transforms of prims above do not count."""
 _ARRAYS = ("positions", "orientations", "orientationsf", "scales", "velocities", "accelerations", "angularVelocities")
 """Attributes of a point instancer with a value for each instance; all but positions may have none."""
 _HIDDEN = {0.0: UsdGeom.Tokens.invisible}
@@ -225,6 +227,9 @@ def _write_instances(prim: Usd.Prim, instances: list[_Instance], frames: Sequenc
             shape = Sdf.PrimSpec(placed, "Shape", Sdf.SpecifierDef)
             shape.referenceList.Prepend(Sdf.Reference("", instance.prototype))
             _write_visibility(shape, visibility[instance.prototype])
+            if _RESET in (order := UsdGeom.Xformable(prototypes[instance.prototype]).GetXformOpOrderAttr().Get() or ()):
+                ops = Sdf.AttributeSpec(shape, "xformOpOrder", Sdf.ValueTypeNames.TokenArray, Sdf.VariabilityUniform)
+                ops.default = [op for op in order if op != _RESET]  # it leaves out prims above a prototype alone
     with Usd.EditContext(stage, layer):
         for number, instance in enumerate(instances, first):
             for attribute in carried[instance.prototype]:
