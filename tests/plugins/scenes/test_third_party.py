@@ -138,6 +138,9 @@ def test_a_prim_above_may_convert_and_what_converts_inside_is_not_asked_again(tm
     assert told(load(written(tmp_path, asset(beside=inside % scaled)))) == []
     path = written(tmp_path, asset(beside=inside % ""))
     assert told(load(path)) == [("asset-units", "In")]
+    [problem] = load(path).problems
+    assert problem.file.endswith("asset.usda") and "and 1 in " in problem.message
+    assert problem.hint.endswith('xformOpOrder = ["xformOp:scale:unitsResolve"]')
     outer = f'{CONVERTED}\nover "In"\n{{\n{scaled}\n}}'
     assert told(load(written(tmp_path, asset(beside=inside % ""), outer))) == []
 

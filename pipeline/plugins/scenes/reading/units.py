@@ -10,7 +10,7 @@ from pxr import Pcp, Sdf, Usd, UsdGeom
 
 from pipeline.scene.usd.plug_in import ThirdPartyLayers
 from pipeline.scene.usd.poses import ancestry, xform_ops
-from pipeline.scene.usd.problems import Problem, shown_path, specs, warning
+from pipeline.scene.usd.problems import Problem, at_opinion, shown_path, specs, warning
 
 _SAME = 1e-6
 """Relative difference of equal units [1]: some programs write them in single precision."""
@@ -31,7 +31,8 @@ def check_units(stage: Usd.Stage, third_party: ThirdPartyLayers) -> Iterator[Pro
             for arc in Usd.PrimCompositionQuery(prim).GetCompositionArcs():
                 is_used = arc.GetArcType() in (Pcp.ArcTypeReference, Pcp.ArcTypePayload) and not arc.IsAncestral()
                 if is_used and arc.GetTargetLayer() in third_party.layers and (fault := _unconverted(prim, arc)):
-                    yield fault
+                    introducing = arc.GetIntroducingLayer().GetPrimAtPath(arc.GetIntroducingPrimPath())
+                    yield at_opinion(introducing, fault)
                     break
 
 
@@ -43,6 +44,7 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     if min(unit, its_unit) <= 0 or (unit, up) == (its_unit, its_up):
         return None
     layers = set(stage_stack.layers), set(file_stack.layers)
+    here = "here" if mine == prim.GetStage().GetRootLayer() else f"in {shown_path(mine.realPath)}"
     # Is the scale the ratio of units, by the suffix of its operations or by its size?
     ratio = its_unit / unit
     matrix = _matrix(prim, *layers)
@@ -58,16 +60,18 @@ def _unconverted(prim: Usd.Prim, arc: Usd.CompositionArc) -> Problem | None:
     faults, ops = [], []
     if not is_turned:
         ops += [(f"double xformOp:rotateX{_RESOLVING}", "-90" if its_up == "Z" else "90")]
-        faults += [f"{its_up} is up in {shown_path(file.realPath)}, {up} here, and nobody turns it"]
+        faults += [f"{its_up} is up in {shown_path(file.realPath)}, {up} {here}, and nobody turns it"]
     if not is_sized:
         ops += [(f"double3 xformOp:scale{_RESOLVING}", f"({ratio:.10g}, {ratio:.10g}, {ratio:.10g})")]
         cache = UsdGeom.BBoxCache(Usd.TimeCode.EarliestTime(), [UsdGeom.Tokens.default_, UsdGeom.Tokens.render])
         box = cache.ComputeWorldBound(prim).ComputeAlignedRange()
         metres = max(box.GetSize()) * UsdGeom.GetStageMetersPerUnit(prim.GetStage()) if not box.IsEmpty() else 0.0
         sizes = f"is {_length(metres * ratio / (scale or 1.0))} large by its own units and {_length(metres)} here"
-        counted = f'metersPerUnit is {its_unit:g} in {shown_path(file.realPath)} and {unit:g} here: "{prim.GetName()}" '
+        counted = (
+            f'metersPerUnit is {its_unit:g} in {shown_path(file.realPath)} and {unit:g} {here}: "{prim.GetName()}" '
+        )
         faults += [counted + (sizes if metres > 0 else "has lengths of another unit")]
-    hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, file_stack, ops)}"
+    hint = f"write {' and '.join(f'{op} = {value}' for op, value in ops)}, and {_order(prim, *layers, ops)}"
     if not prim.IsA(UsdGeom.Xformable):
         hint = f"put it below an Xform; there {hint}"
     return warning(prim, "asset-units", "; ".join(faults), hint=hint)
@@ -97,13 +101,16 @@ def _matrix(prim: Usd.Prim, stage_layers: set[Sdf.Layer], file_layers: set[Sdf.L
     return matrix
 
 
-def _order(prim: Usd.Prim, file_stack: Pcp.LayerStack, ops: list[tuple[str, str]]) -> str:
-    """The xformOpOrder with the conversion in front of the operations of the file."""
+def _order(
+    prim: Usd.Prim, stage_layers: set[Sdf.Layer], file_layers: set[Sdf.Layer], ops: list[tuple[str, str]]
+) -> str:
+    """The xformOpOrder of the referencing layers, with the conversion in front of the operations of the file."""
     names = list(prim.GetAttribute("xformOpOrder").Get() or ()) if prim.GetAttribute("xformOpOrder") else []
-    layers = set(file_stack.layers)
-    of_file = [name for name in names if (at := prim.GetAttribute(name)) and next(iter(specs(at))).layer in layers]
+    layer_of = {name: next(iter(specs(at))).layer for name in names if (at := prim.GetAttribute(name))}
     added = [op.split()[1] for op, _ in ops]
-    order = [name for name in names if name not in of_file and name not in added] + added + of_file
+    own = [name for name in names if name not in layer_of or layer_of[name] in stage_layers]
+    of_file = [name for name in names if layer_of.get(name) in file_layers]
+    order = [name for name in own if name not in added] + added + of_file
     return "uniform token[] xformOpOrder = [" + ", ".join(f'"{name}"' for name in order) + "]"
 
 
