@@ -97,12 +97,14 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         w = weights(shapes.corners[t], normal, point)
         flat, spot, m = unit(normal), Spot(shapes.primvars, t, w), shapes.material[t]
         shading = shading_normal(shapes, materials, t, w, flat)
+        # Normals on the side from which the path comes.
         side = -1.0 if dot(flat, direction) > 0.0 else 1.0
         flat, shading = times(side, flat), times(side, shading)
         # Seen from its front, a surface must not turn away for shading.
         shading = shading if dot(shading, direction) < 0.0 else flat
         paint = paint_at(materials, m, spot)
         hits.beyond[i] = 0.0
+        # A path in glass is absorbed up to here; one that enters glass, beyond its front.
         if paths.absorption[i] > 0.0:
             paths.power[i] *= math.exp(-paths.absorption[i] * path)
         if materials.flags[m, INDEX] > 0.0:
@@ -111,6 +113,7 @@ def meet(shapes, materials, layers, albedo, paths, hits):
         elif materials.flags[m, VEIL] == CLEAR:
             paint, factor = veiled(layers, materials, m, spot, dot(flat, direction), paint)
             paths.power[i] *= factor
+        # The pattern of a target in place of the paint, and its black back.
         if not math.isnan(albedo[i]):
             front = Paint(albedo[i], paint.facing, paint.alpha, 0.0, paint.coat_alpha, 0.0)
             paint = front if side > 0.0 else Paint(0.0, 0.0, 0.0, 0.0, paint.coat_alpha, 0.0)

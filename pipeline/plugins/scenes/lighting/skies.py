@@ -26,9 +26,9 @@ class Dome(NamedTuple):
 
     texels: np.ndarray  # (h, w, 4) float32, red, green and blue as factors of the lamp's radiance; (0, 0, 4): none
     rgb_weights: np.ndarray  # (3,), weights of red, green and blue in the light
-    # (h + 1,), (h, w + 1), cumulated probability of the rows, and of the columns of each row
-    rows: np.ndarray
-    columns: np.ndarray
+    # (h + 1,), (h, w + 1), cumulative distributions of directions over rows, and over the columns of each row
+    row_cdf: np.ndarray
+    column_cdf: np.ndarray
     mean: float  # of the picture over the sphere, in the light that the tables are for
 
 
@@ -70,7 +70,7 @@ def dome_density(dome, direction):
     y, x = _position(dome, direction)
     i, j = min(max(int(y), 0), height - 1), min(max(int(x), 0), width - 1)
     cos_latitude = math.sqrt(max(1e-30, 1.0 - direction[1] * direction[1]))
-    chance = (dome.rows[i + 1] - dome.rows[i]) * (dome.columns[i, j + 1] - dome.columns[i, j])
+    chance = (dome.row_cdf[i + 1] - dome.row_cdf[i]) * (dome.column_cdf[i, j + 1] - dome.column_cdf[i, j])
     return chance * height * width / (2.0 * math.pi * math.pi * cos_latitude)
 
 
@@ -78,10 +78,10 @@ def dome_density(dome, direction):
 def dome_sample(dome, pair):
     """A direction drawn by the brightness of the sky, and its density [1/sr]."""
     height, width, _ = dome.texels.shape
-    i = first_above(dome.rows, pair[0]) - 1
-    row_share = (pair[0] - dome.rows[i]) / (dome.rows[i + 1] - dome.rows[i])
-    j = first_above(dome.columns[i], pair[1]) - 1
-    column_share = (pair[1] - dome.columns[i, j]) / (dome.columns[i, j + 1] - dome.columns[i, j])
+    i = first_above(dome.row_cdf, pair[0]) - 1
+    row_share = (pair[0] - dome.row_cdf[i]) / (dome.row_cdf[i + 1] - dome.row_cdf[i])
+    j = first_above(dome.column_cdf[i], pair[1]) - 1
+    column_share = (pair[1] - dome.column_cdf[i, j]) / (dome.column_cdf[i, j + 1] - dome.column_cdf[i, j])
     latitude, longitude = (0.5 - (i + row_share) / height) * math.pi, (0.5 - (j + column_share) / width) * 2.0 * math.pi
     across = math.cos(latitude)
     direction = across * math.sin(longitude), math.sin(latitude), across * math.cos(longitude)
@@ -112,8 +112,9 @@ def sky_of(
     brightest = np.max([np.roll(of_three, 1, axis=1), of_three, np.roll(of_three, -1, axis=1)], axis=0)
     cos_latitude = np.sin((np.arange(height) + 0.5) * np.pi / height)[:, None]  # area of a row
     weight = (brightest + _FLOOR * brightest.mean() + _LEAST_WEIGHT) * cos_latitude
-    columns = np.concatenate([np.zeros((height, 1)), np.cumsum(weight, axis=1)], axis=1)
-    sums = columns[:, -1:]
-    row_cdf = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
+    # Sums over each row are the weights of the rows.
+    of_columns = np.concatenate([np.zeros((height, 1)), np.cumsum(weight, axis=1)], axis=1)
+    of_row = of_columns[:, -1:]
+    of_rows = np.concatenate([[0.0], np.cumsum(of_row[:, 0])])
     mean = float((brightness * cos_latitude).mean() / cos_latitude.mean())
-    return Dome(picture, rgb_weights, row_cdf / row_cdf[-1], columns / sums, mean)
+    return Dome(picture, rgb_weights, of_rows / of_rows[-1], of_columns / of_row, mean)

@@ -206,7 +206,7 @@ def check_lamps(root: Usd.Prim, wrong: Set[Sdf.Path]) -> Iterator[Problem]:
         except UnreadableValue as error:
             yield of_reader(error.thing, error)
             continue
-        if any(part * need(prim, "inputs:intensity") < 0 for part in need(prim, "inputs:color")):
+        if any(component * need(prim, "inputs:intensity") < 0 for component in need(prim, "inputs:color")):
             yield not_drawn(prim, f"<{prim.GetPath()}> has a radiance below 0: it counts as 0")
         if isinstance(entry, LampEntry):
             if flat := flattened_at(prim, frames):

@@ -59,21 +59,22 @@ def _turned(parts: list[np.ndarray], tolerance: float) -> Solid:
     """The solid of revolution of a meridian, from its lower end to its upper one."""
     around = _steps(max(float(part[:, 0].max()) for part in parts), 2 * math.pi, tolerance)
     angle = 2 * math.pi * np.arange(around + 1) / around
-    c, s = np.cos(angle), np.sin(angle)
-    c[-1], s[-1] = c[0], s[0]  # the seam is closed
+    cosine, sine, one = np.cos(angle), np.sin(angle), np.ones(around + 1)
+    cosine[-1], sine[-1] = cosine[0], sine[0]  # the seam is closed
     lengths = [np.hypot(*np.diff(part[:, :2], axis=0).T) for part in parts]
     total = sum(float(length.sum()) for length in lengths) or 1.0
     points, normals, st, triangles = [], [], [], []
     below, first = 0.0, 0  # length of the meridian before a part, and number of its first point
     for part, length in zip(parts, lengths, strict=True):
-        rows = len(part)
-        points.append(np.stack([np.outer(part[:, 0], c), np.outer(part[:, 0], s), np.outer(part[:, 1], 0 * c + 1)], 2))
-        normals.append(np.stack([np.outer(part[:, 2], c), np.outer(part[:, 2], s), np.outer(part[:, 3], 0 * c + 1)], 2))
-        up = (below + np.concatenate([[0.0], np.cumsum(length)])) / total
-        st.append(np.stack(np.broadcast_arrays(angle[None] / (2 * math.pi), up[:, None]), axis=2))
-        grid = first + np.arange(rows * (around + 1)).reshape(rows, around + 1)
-        a, b, c_, d = (corner.ravel() for corner in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]))
-        triangles += [np.stack([a, b, c_], axis=1), np.stack([a, c_, d], axis=1)]
+        # A ring of points for each point of the meridian, and two triangles for each quad between two rings.
+        distance, height, across, up = part.T
+        points.append(np.stack([np.outer(distance, cosine), np.outer(distance, sine), np.outer(height, one)], axis=2))
+        normals.append(np.stack([np.outer(across, cosine), np.outer(across, sine), np.outer(up, one)], axis=2))
+        t = (below + np.concatenate([[0.0], np.cumsum(length)])) / total
+        st.append(np.stack(np.broadcast_arrays(angle[None] / (2 * math.pi), t[:, None]), axis=2))
+        grid = first + np.arange(len(part) * (around + 1)).reshape(len(part), around + 1)
+        a, b, c, d = (corner.ravel() for corner in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]))
+        triangles += [np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)]
         below += float(length.sum())
         first += grid.size
     all_points, all_normals, all_st = (

@@ -6,7 +6,7 @@ on the points of the cage, so primvars at its vertices follow by the same rule. 
 """
 
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -20,6 +20,8 @@ _SPREAD = {CATMULL_CLARK: 1.0, BILINEAR: 1.0, LOOP: 4.0 / 3.0}
 farthest off at the middle of its longest edge, an equilateral one at its centre."""
 _ROUNDED = 1.0 / 3.0
 """Distance of a semi-sharp crease that turns smooth from a sharp one, in edges of that level [1]: of a knife."""
+_PARALLEL = 1e-9
+"""Sine of the angle between two tangents up to which they count as parallel [1]: they are sums that round to 1e-16."""
 _MEASURED = 50_000
 """Most faces of a level whose distance is measured at the next one [1]; beyond, each level halves the distance."""
 
@@ -225,9 +227,21 @@ class Levels:
         return _SPREAD[self.scheme] * float(np.concatenate(distances).max(initial=0.0))
 
 
-def _tangent_weights(scheme: str, n: np.ndarray, i: np.ndarray, is_open: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Weights of the i-th neighbour, and of the vertex diagonally across the i-th face, for two tangents of a fan with
-    n faces [1]; in an open one, those of both ends and of the vertex itself follow.
+class _Weights(NamedTuple):
+    """Weights of points around a vertex, for a tangent there, by corner [1].
+
+    `near` is that of the neighbour at which the face of a corner begins, and `far` that of the vertex diagonally across
+    the face; an open fan also has its last neighbour, `last`, and the vertex itself, `apex`.
+    """
+
+    near: np.ndarray
+    far: np.ndarray
+    last: np.ndarray
+    apex: np.ndarray
+
+
+def _tangent_weights(scheme: str, n: np.ndarray, i: np.ndarray, is_open: np.ndarray) -> tuple[_Weights, _Weights]:
+    """Weights for two tangents of the limit at the vertex of a fan of n faces, of its i-th corner.
 
     They are left eigenvectors of the rule: sines around the vertex (Stam 1998), over half a turn in an open fan, whose
     first tangent is that of its crease. More than four quads, or six triangles, on one side of a crease have no common
@@ -253,9 +267,14 @@ def _tangent_weights(scheme: str, n: np.ndarray, i: np.ndarray, is_open: np.ndar
     ends = ends / np.where(is_wide, eigenvalue - 1 / 4, 1.0)
     c, s = (wave(i * angle) for wave in (np.cos, np.sin))
     c1, s1 = (wave((i + 1) * angle) for wave in (np.cos, np.sin))
-    first = np.where(is_open, (i == 0).astype(float), near * c)
-    second = np.where(is_open & (i == 0), ends, near * s)
-    return first, np.where(is_open, 0.0, far * (c + c1)), second, far * (s + s1), ends, -2 * ends - total
+    # The first tangent of an open fan is the difference of its ends, along the crease.
+    first_near = np.where(is_open, (i == 0).astype(float), near * c)
+    first_far = np.where(is_open, 0.0, far * (c + c1))
+    second_near = np.where(is_open & (i == 0), ends, near * s)
+    return (
+        _Weights(first_near, first_far, -np.ones(len(n)), np.zeros(len(n))),
+        _Weights(second_near, far * (s + s1), ends, -2 * ends - total),
+    )
 
 
 def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -> Float64[np.ndarray, "c 3"]:
@@ -263,33 +282,35 @@ def limit_normals(cage: Cage, scheme: str, points: Float64[np.ndarray, "v 3"]) -
     for each side of a crease; at corners and for bilinear faces those of the faces.
     """
     after, before = points[cage.vertex[cage.after]], points[cage.vertex[cage.before]]
+    across = points[cage.vertex[cage.after[cage.after]]]
     apex = points[cage.vertex]
     flat = _unit(np.cross(after - apex, before - apex))
     if scheme == BILINEAR:
         return flat
+    # Creases divide the corners around a vertex into fans, each with tangents of its own: sums over its corners.
     sharp = cage.edge_sharp > 0
     fan, rank = cage.fans(sharp)
     size = np.bincount(fan, minlength=len(fan))[fan]
-    number = cage.marked_at(sharp)
-    is_open = (number > 1)[cage.vertex]
-    weights = _tangent_weights(scheme, size, rank, is_open)
-    across = points[cage.vertex[cage.after[cage.after]]]
+    sharp_edges = cage.marked_at(sharp)
+    is_open = (sharp_edges > 1)[cage.vertex]
     is_last, is_first = is_open & (rank == size - 1), is_open & (rank == 0)
     tangents = []
-    for near, far, last, itself in (
-        (weights[0], weights[1], -np.ones(len(fan)), np.zeros(len(fan))),
-        (weights[2], weights[3], weights[4], weights[5]),
-    ):
-        part = near[:, None] * after + far[:, None] * across
-        part += np.where(is_last, last, 0.0)[:, None] * before + np.where(is_first, itself, 0.0)[:, None] * apex
-        tangents.append(np.stack([np.bincount(fan, part[:, k], len(fan)) for k in range(3)], axis=1))
+    for of in _tangent_weights(scheme, size, rank, is_open):
+        part = of.near[:, None] * after + of.far[:, None] * across
+        part += np.where(is_last, of.last, 0.0)[:, None] * before + np.where(is_first, of.apex, 0.0)[:, None] * apex
+        tangents.append(_sums(fan, part))
     normal = np.cross(tangents[0], tangents[1])
-    mean = _unit(np.stack([np.bincount(fan, flat[:, k], len(fan)) for k in range(3)], axis=1))
+    # Corners have no tangents, and some fans parallel ones: these have the mean normal of their faces.
     is_corner = np.zeros(len(fan), bool)
-    is_corner[fan] = ((cage.corner > 0) | (number > 2))[cage.vertex]
+    is_corner[fan] = ((cage.corner > 0) | (sharp_edges > 2))[cage.vertex]
     scale = np.linalg.norm(tangents[0], axis=1) * np.linalg.norm(tangents[1], axis=1)
-    is_degenerate = is_corner | ~(np.linalg.norm(normal, axis=1) > 1e-9 * scale)
-    return np.where(is_degenerate[:, None], mean, _unit(normal))[fan]
+    is_degenerate = is_corner | ~(np.linalg.norm(normal, axis=1) > _PARALLEL * scale)
+    return np.where(is_degenerate[:, None], _unit(_sums(fan, flat)), _unit(normal))[fan]
+
+
+def _sums(fan: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Sums of the vectors of the corners of each fan, (c, 3)."""
+    return np.stack([np.bincount(fan, vectors[:, k], len(fan)) for k in range(3)], axis=1)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
