@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from laws import rigs
 from laws.solving import rig_of, solved
+from pxr import Usd
 from shorter import few
 from stage_text import edited, head
 
@@ -94,12 +95,18 @@ THIN = ("--focal-length", "12", "--f-number", "2", "--sensor", "sensors/sensor_6
 
 
 def test_a_lens_that_nobody_knows_is_a_thin_one(run):
-    """1/f = 1/a + 1/b; what an image costs is said: 640 x 480 x 256 x 0.1 us."""
+    """1/f = 1/a + 1/b; what an image costs is said: 640 x 480 x 256 x 0.1 us. Its distortion is none, and a calibration
+    may free each of OpenCV's five coefficients.
+    """
     code, _, log = run("new", "rig", "r.usda", *THIN, "--focus", "500")
     assert code == 0 and "640 x 480 px; an image takes about 7.9 s" in log
     shown = json.loads(run("show", "r.usda", "--json")[1])
     assert shown["sensor_distance_mm"] == pytest.approx(1 / (1 / 12 - 1 / 500), rel=1e-12)
     assert shown["lens"]["stop_diameter_mm"] == pytest.approx(6.0)
+    stage = Usd.Stage.Open("r.usda")
+    camera = stage.GetPrimAtPath("/Rig/Camera")
+    written = {name: camera.GetAttribute(f"plen:camera:{name}").Get() for name in ("model", "distortion")}
+    assert written == {"model": "thinLens", "distortion": [0.0] * 5}
     assert not re.search(r"-0\.0+\b", run("show", "r.usda")[1])
 
 

@@ -5,7 +5,7 @@ five coefficients, or by a fisheye model for very wide lenses. Poses are exchang
 Cook and Nachtsheim, Technometrics 22 (1980) 315, but each gain is taken at once.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,31 +42,29 @@ class Uncertainty:
 
 
 class _Judge:
-    """A camera before all candidates."""
+    """Information about a camera by each candidate, and the points by whose projections sets of them are rated."""
 
     def __init__(self, field: CameraField, number: int, poses: Sequence[BoardPose]) -> None:
         camera = ready(replace(field.camera, microlenses=None))
         rays = field_rays(camera)
         fit = fitted(rays, "fisheye" if field.is_wide else "brown")
-        centre, own = np.split(fit.parameters, [len(CENTRE)])
+        centre, parameters = np.split(fit.parameters, [len(CENTRE)])
         project = MODELS[fit.model.name].of_rows
-        moved = field.vision_from_first.copy()
+        model_from_first = field.vision_from_first.copy()
+        model_from_first[:3, 3] -= centre
         views = []
-        moved[:3, 3] -= centre
         for pose in poses:
-            visible = np.isfinite(pose.seen_px[number, :, 0])
-            points = field.points_mm[visible]
-            views.append(
-                View(moved @ pose.vision_from_target, points, np.zeros((len(points), 0)), pose.seen_px[number, visible])
-            )
-        self._all = Information.of(fit.model.parameters[len(CENTRE) :], project, own, views, NOISE_PX)
+            is_visible = np.isfinite(pose.seen_px[number, :, 0])
+            model_from_target = model_from_first @ pose.vision_from_target
+            views.append(_view(model_from_target, field.points_mm[is_visible], pose.seen_px[number, is_visible]))
+        self._all = Information.of(fit.model.parameters[len(CENTRE) :], project, parameters, views, NOISE_PX)
         near, far = field.depth_mm
         distances = (near, 2 / (1 / near + 1 / far), far)
         self._points = np.concatenate([rays.points(z_mm)[::_EVERY] for z_mm in distances]) - centre
 
-        by_own, _ = derivatives(project, own, self._points, np.zeros((len(self._points), 0)))
-        bends = np.array([name in fit.model.coefficients for name in self._all.names])
-        self._prior = np.diag(bends * (np.abs(by_own).max(axis=(0, 1)) / _BENT_PX) ** 2)
+        by_parameter, _ = derivatives(project, parameters, self._points, np.zeros((len(self._points), 0)))
+        is_coefficient = np.array([name in fit.model.coefficients for name in self._all.names])
+        self._prior = np.diag(is_coefficient * (np.abs(by_parameter).max(axis=(0, 1)) / _BENT_PX) ** 2)
 
     def variance_px2(self, chosen: Sequence[int]) -> float:
         """Mean variance of projections by these candidates; infinite if they leave something undetermined."""
@@ -82,18 +80,18 @@ def best_of(
     """The best `count` of the poses, in their order. UsageError if no such set determines the cameras."""
     judges = [_Judge(field, number, poses) for number, field in enumerate(fields)]
 
-    def worth(chosen: Sequence[int]) -> float:
+    def variance_px2(chosen: Sequence[int]) -> float:
         return sum(judge.variance_px2(chosen) for judge in judges)
 
     chosen = list(range(count))
-    least = first = worth(chosen)
+    least = first = variance_px2(chosen)
     for _ in range(_PASSES):
         before = least
         for slot in range(count):
-            for other in set(range(len(poses))) - set(chosen):
-                tried = [*chosen[:slot], other, *chosen[slot + 1 :]]
-                if (value := worth(tried)) < least * (1 - _GAINS):
-                    chosen, least = tried, value
+            for candidate in set(range(len(poses))) - set(chosen):
+                exchanged = [*chosen[:slot], candidate, *chosen[slot + 1 :]]
+                if (variance := variance_px2(exchanged)) < least * (1 - _GAINS):
+                    chosen, least = exchanged, variance
         if not least < before * (1 - _GAINS):
             break
     if not np.isfinite(least):
@@ -110,12 +108,12 @@ def best_of(
 def prediction(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list[list[str]]:
     """Lines about the uncertainty of each camera's calibration by these poses."""
     return [
-        [] if field.camera.microlenses else [_shown(field, uncertainty)]
+        [] if field.camera.microlenses else [_line(field, uncertainty)]
         for field, uncertainty in zip(fields, predicted(fields, poses), strict=True)
     ]
 
 
-def _shown(field: CameraField, uncertainty: Uncertainty | None) -> str:
+def _line(field: CameraField, uncertainty: Uncertainty | None) -> str:
     if uncertainty is None:
         return "no calibration of f, centre and k1: too few points, or no pinhole fits the lens"
     f_px, (x_px, y_px) = uncertainty.principal_distance_px, uncertainty.principal_point_px
@@ -130,26 +128,29 @@ def predicted(fields: Sequence[CameraField], poses: Sequence[BoardPose]) -> list
     """Uncertainty of each camera's calibration; None with microlenses, without a pinhole, and for too few points."""
     uncertainties = list[Uncertainty | None]()
     for number, field in enumerate(fields):
+        fit = None if field.camera.microlenses else pinhole(focused(field.camera))
+        if fit is None:
+            uncertainties.append(None)
+            continue
         pinhole_from_first = field.vision_from_first - np.outer((0, 0, 1, 0), (0, 0, 0, field.pupil_mm))
-        visible = [field.points_mm[np.isfinite(pose.seen_px[number, :, 0])] for pose in poses]
-        placed = [pinhole_from_first @ pose.vision_from_target for pose in poses]
-        fitted = None if field.camera.microlenses else pinhole(focused(field.camera))
-        k1 = fitted.distorted.distortion[0] if fitted else 0.0  # a centre is told by the distortion around it, too
-        views = zip(placed, visible, strict=True)
-        uncertainties.append(_uncertainty(field.principal_distance_px, k1, views) if fitted else None)
+        views = []
+        for pose in poses:
+            points_mm = field.points_mm[np.isfinite(pose.seen_px[number, :, 0])]
+            views.append(_view(pinhole_from_first @ pose.vision_from_target, points_mm, np.zeros((len(points_mm), 2))))
+        k1 = fit.distorted.distortion[0]  # the distortion around a centre tells it, too
+        uncertainties.append(_uncertainty(field.principal_distance_px, k1, views))
     return uncertainties
 
 
-def _uncertainty(
-    principal_distance_px: float, k1: float, views: Iterable[tuple[np.ndarray, np.ndarray]]
-) -> Uncertainty | None:
-    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where there are too few points.
+def _view(model_from_target: np.ndarray, points_mm: np.ndarray, x_px: np.ndarray) -> View:
+    """A view of a camera without microlenses."""
+    return View(model_from_target, points_mm, np.zeros((len(points_mm), 0)), x_px)
 
-    A view is pinhole_from_target, and the visible points, target frame [mm].
-    """
+
+def _uncertainty(principal_distance_px: float, k1: float, views: Sequence[View]) -> Uncertainty | None:
+    """Uncertainty of a calibration of a pinhole with one focal length and k1; None where there are too few points."""
     values = np.array([principal_distance_px, 0.0, 0.0, k1])
-    posed = [View(pose, points, np.zeros((len(points), 0)), np.zeros((len(points), 2))) for pose, points in views]
-    information = Information.of(("f", "x", "y", "k1"), _simple, values, posed, NOISE_PX)
+    information = Information.of(("f", "x", "y", "k1"), _simple, values, views, NOISE_PX)
     f_px, x_px, y_px, _ = information.deviations.tolist()
     return Uncertainty(principal_distance_px=f_px, principal_point_px=(x_px, y_px)) if information.rank == 4 else None
 

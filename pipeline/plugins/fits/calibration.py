@@ -115,5 +115,5 @@ def _require_poses_once(stage: FreeStage) -> None:
     for number in stage.numbers:
         attribute, _ = number.entries[0]
         if str(attribute.GetPrim().GetPath()) in boards and attribute.GetName().startswith("xformOp:"):
-            what = f"{number.name} is part of the pose of a board, and these are free in each frame"
-            raise UsageError(what, hint="leave it out, or say --poses known")
+            message = f"{number.name} is part of the pose of a board, and these are free in each frame"
+            raise UsageError(message, hint="leave it out, or say --poses known")

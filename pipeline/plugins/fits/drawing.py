@@ -22,20 +22,21 @@ def picture(camera: FittedCamera, fit: Fit) -> str:
     """The picture of one of the fits of a camera as the text of an SVG file; UsageError: matplotlib is missing."""
     wide, high = camera.field.size_px
     tall_in = _WIDTH_IN * high / wide + _WORDS_IN
-    shown = figure(_WIDTH_IN, tall_in + _BELOW_IN)
-    above, below = shown.add_gridspec(2, 1, height_ratios=(tall_in, _BELOW_IN))
-    residuals, (curves, pupil) = shown.add_subplot(above), below.subgridspec(1, 2).subplots()
-    shown.suptitle(f"{camera.name}: {fit.model.consumer}. rms {fit.rms_px:.2e} px, largest {fit.max_px:.2e} px")
+    sheet = figure(_WIDTH_IN, tall_in + _BELOW_IN)
+    above, below = sheet.add_gridspec(2, 1, height_ratios=(tall_in, _BELOW_IN))
+    residuals = sheet.add_subplot(above)
+    curves, pupil = below.subgridspec(1, 2).subplots()
+    sheet.suptitle(f"{camera.name}: {fit.model.consumer}. rms {fit.rms_px:.2e} px, largest {fit.max_px:.2e} px")
     _draw_residuals(residuals, camera, fit)
     distances = by_distance(fit, camera.field)
-    away = np.array([1e3 / row["z_mm"] for row in distances])
+    per_m = np.array([1e3 / row["z_mm"] for row in distances])
     for name, words, colour in (("rms_px", "rms", _NEAR), ("max_px", "largest", _FAR)):
-        _draw_curve(curves, away, np.array([row[name] for row in distances]), colour, words)
+        _draw_curve(curves, per_m, np.array([row[name] for row in distances]), colour, words)
     curves.set(xlabel="1 / z [1/m]", ylabel="[px]", title="residual at other distances")
     curves.legend()
     _draw_curve(pupil, camera.pupil.angle_deg, camera.pupil.z_mm, _NEAR)
     pupil.set(xlabel="angle [°]", ylabel="vision z [mm]", title="entrance pupil: where rays pass the axis")
-    return svg_of(shown)
+    return svg_of(sheet)
 
 
 def _draw_residuals(axes: Any, camera: FittedCamera, fit: Fit) -> None:

@@ -34,19 +34,19 @@ class CameraFit:
     def layer(self, path: Path) -> None:
         """Write the new layer for other renderers."""
         entry = self.opened.entry
-        seen = seen_by_omniverse(self.camera, entry.prim_path, entry.asked.sensor.pitch_mm)
-        write_new(distortion_layer(self.opened.stage, path, seen), path)
+        seen_camera = seen_by_omniverse(self.camera, entry.prim_path, entry.asked.sensor.pitch_mm)
+        write_new(distortion_layer(self.opened.stage, path, seen_camera), path)
 
 
 def fit(
-    place: Path, name: str | None, models: Collection[str] = (), allow_roots: Iterable[str | Path] = ()
+    stage_or_build: Path, name: str | None, models: Collection[str] = (), allow_roots: Iterable[str | Path] = ()
 ) -> CameraFit:
     """Fit models to a camera; by default OpenCV's five coefficients, and to a plenoptic camera a thin lens, too."""
-    stage = opened(place, name, allow_roots)
+    stage = opened(stage_or_build, name, allow_roots)
     camera = stage.ready()
-    wanted = list(models) or ([_DEFAULT, THIN_LENS] if camera.is_plenoptic else [_DEFAULT])
+    by_default = [_DEFAULT, THIN_LENS] if camera.is_plenoptic else [_DEFAULT]
     try:
-        return CameraFit(opened=stage, camera=fit_camera(camera, wanted))
+        return CameraFit(opened=stage, camera=fit_camera(camera, models or by_default))
     except FitError as error:
         if models or not camera.is_plenoptic:
             raise

@@ -65,7 +65,7 @@ class FreeStage:
     `numbers`: those that are free; `fixed`: names of numbers that were asked for, and have a tolerance of no width.
     """
 
-    def __init__(self, path: Path, wanted: Sequence[str], allow_roots: Iterable[str | Path] = ()) -> None:
+    def __init__(self, path: Path, names: Sequence[str], allow_roots: Iterable[str | Path] = ()) -> None:
         """StageError or UsageError: the dataset does not pass `check`, or there is no such number."""
         self.path, self.roots = path, allowed_roots(path, tuple(allow_roots))
         self.nominal = require_dataset(sound(path, allow_roots), path)
@@ -76,7 +76,7 @@ class FreeStage:
         self.numbers: tuple[FreeNumber, ...] = ()
         self.fixed: list[str] = []
         tolerances, numbers = tolerances_of(self._stage), dict[str, FreeNumber]()
-        for name in wanted:
+        for name in names:
             for attribute, entry in self._attributes_named(name, tolerances):
                 tolerance = tolerances.get(attribute.GetPath())
                 for number in self._numbers_of(attribute, entry, tolerance):
@@ -98,15 +98,16 @@ class FreeStage:
         if path in attributes:
             return [(attributes[path], entry)]
         of_prims = [prim for prim in prims if f"{prim.GetPath()}/".startswith(f"{path}/")]
-        tolerated = [of for prim in of_prims for of in target_paths(prim.GetRelationship("plen:tolerance:of"))]
-        tolerated = tolerated or [of for of in tolerances if str(of).startswith(f"{path}/")]
+        relationships = [prim.GetRelationship("plen:tolerance:of") for prim in of_prims]
+        tolerated = [key for relationship in relationships for key in target_paths(relationship)]
+        tolerated = tolerated or [key for key in tolerances if str(key).startswith(f"{path}/")]
         if not tolerated:
             authored = [key for key, attribute in attributes.items() if attribute.HasAuthoredValue()]
             of_prim = [key for key in authored if key.startswith(f"{path}.plen:")]
             hint = f"name one of {', '.join(of_prim)}" if of_prim else did_you_mean(path, authored)
             hint = hint or 'the path of a property: "/Rig/Lens/Front.plen:radius"'
             raise UsageError(f"{self.path} has no property {name!r}, and no tolerances below it", hint=hint)
-        return [(self._stage.GetAttributeAtPath(of), None) for of in tolerated]
+        return [(self._stage.GetAttributeAtPath(key), None) for key in tolerated]
 
     def _numbers_of(self, attribute: Any, entry: int | None, prior: Tolerance | None) -> list[FreeNumber]:
         """The numbers of an attribute, or of one entry: one for all entries, if these are off together."""

@@ -45,18 +45,21 @@ class View:
 
     model_from_target: np.ndarray  # (4, 4) [mm]
     points_mm: Float64[np.ndarray, "n 3"]  # target frame
-    of_rows: Float64[np.ndarray, "n k"]  # numbers of the rows that the model wants besides
+    row_numbers: Float64[np.ndarray, "n k"]  # of each row, which the model asks for besides
     x_px: Float64[np.ndarray, "n 2"]
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """A view's part of the information at a noise of 1 px."""
+    """A view's part of the normal equations at a noise of 1 px: blocks of J^T J, and the gradient J^T r.
 
-    own: np.ndarray  # (m, m), of the parameters alone
-    mixed: np.ndarray  # (m, 6)
-    pose: np.ndarray  # (6, 6)
-    pull: np.ndarray  # (m + 6,), J^T times the residuals
+    `parameters` (m, m), `mixed` (m, 6), `pose` (6, 6), `gradient` (m + 6,).
+    """
+
+    parameters: np.ndarray
+    mixed: np.ndarray
+    pose: np.ndarray
+    gradient: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +80,15 @@ class Information:
         """The information at given values and poses."""
         blocks, residuals = zip(*(_block(project, p, view) for view in views), strict=True)
         matrix, _ = _without_poses(blocks)
-        off = np.concatenate(residuals)
-        return cls(tuple(names), p, tuple(views), off, noise_px, matrix / noise_px**2, project, blocks)
+        residual_px = np.concatenate(residuals)
+        return cls(tuple(names), p, tuple(views), residual_px, noise_px, matrix / noise_px**2, project, blocks)
 
-    def only(self, views: Sequence[int]) -> "Information":
-        """That of some of the views."""
-        blocks, chosen = [self.blocks[i] for i in views], tuple(self.views[i] for i in views)
-        matrix = _without_poses(blocks)[0] / self.noise_px**2
-        return replace(self, views=chosen, matrix=matrix, blocks=tuple(blocks))
+    def only(self, numbers: Sequence[int]) -> "Information":
+        """The information of the views of these numbers."""
+        blocks = tuple(self.blocks[i] for i in numbers)
+        matrix, _ = _without_poses(blocks)
+        views = tuple(self.views[i] for i in numbers)
+        return replace(self, views=views, matrix=matrix / self.noise_px**2, blocks=blocks)
 
     @property
     def rank(self) -> int:
@@ -115,28 +119,32 @@ class Information:
         """Sizes of the parameters' own information, known poses given, and eigenvalues and vectors of the matrix over
         them; an eigenvalue of nothing is 0.
         """
-        own = sum(np.diag(block.own) for block in self.blocks) / self.noise_px**2
-        size = np.sqrt(np.where(own > 0, own, 1.0))  # of what no view sees, nothing
+        with_known_poses = sum(np.diag(block.parameters) for block in self.blocks) / self.noise_px**2
+        size = np.sqrt(np.where(with_known_poses > 0, with_known_poses, 1.0))  # of what no view sees, nothing
         values, vectors = np.linalg.eigh(self.matrix / np.outer(size, size))
         return size, np.where(values > _NOTHING * values.max(), values, 0.0), vectors
 
-    def of_projections(self, points_mm: Float64[np.ndarray, "n 3"], of_rows: Float64[np.ndarray, "n k"]) -> np.ndarray:
+    def of_projections(
+        self, points_mm: Float64[np.ndarray, "n 3"], row_numbers: Float64[np.ndarray, "n k"]
+    ) -> np.ndarray:
         """Covariance of the projections of points in the frame of the model, (n, 2, 2) [px^2]; infinite where the views
         do not determine them.
         """
-        by_own, by_point = derivatives(self.project, self.parameters, points_mm, of_rows)
+        by_parameter, by_point = derivatives(self.project, self.parameters, points_mm, row_numbers)
         of_poses = np.zeros((len(points_mm), 2, 2))
-        share = 1 / len(self.views)
+        share = 1 / len(self.views)  # of each view in the mean of where they carry a point
         for view, block in zip(self.views, self.blocks, strict=True):
             by_pose = share * _by_pose(by_point, points_mm, view.model_from_target[:3, 3])
             inverse = np.linalg.pinv(block.pose)
-            by_own = by_own - by_pose @ inverse @ block.mixed.T
+            by_parameter = by_parameter - by_pose @ inverse @ block.mixed.T  # the pose follows the parameters
             of_poses += by_pose @ inverse @ by_pose.transpose(0, 2, 1)
-        result = by_own @ self.covariance @ by_own.transpose(0, 2, 1) + self.noise_px**2 * of_poses
+        of_parameters = by_parameter @ self.covariance @ by_parameter.transpose(0, 2, 1)
+        covariance = of_parameters + self.noise_px**2 * of_poses
+        # An undetermined direction has at least the variance of the least eigenvalue that counts.
         size, values, _ = self.scaled
-        least = ((by_own @ (self.gauge / size).T) ** 2).sum(axis=(1, 2)) / (_NOTHING * values.max())
-        result[least > np.trace(result, axis1=1, axis2=2)] = np.inf
-        return result
+        least = ((by_parameter @ (self.gauge / size).T) ** 2).sum(axis=(1, 2)) / (_NOTHING * values.max())
+        covariance[least > np.trace(covariance, axis1=1, axis2=2)] = np.inf
+        return covariance
 
 
 def information(
@@ -145,14 +153,14 @@ def information(
     """Fit a model and all poses to the rows of views, by Gauss and Newton, and take the information there."""
     fit, damping = Information.of(names, project, start, views, noise_px), 0.0
     for _ in range(_STEPS):
-        stepped = _stepped(fit, damping)
-        last, total = (float((of.residual_px**2).sum()) for of in (fit, stepped))
-        if total < last:
-            fit = stepped
-        elif damping < 1 and not total - last <= _SETTLED * last:  # astray, along what the views hardly tell
+        trial = _stepped(fit, damping)
+        before, after = float((fit.residual_px**2).sum()), float((trial.residual_px**2).sum())
+        if after < before:
+            fit = trial
+        elif damping < 1 and not after - before <= _SETTLED * before:  # astray, along what the views hardly tell
             damping = max(100 * damping, _DAMPED)
             continue
-        if last - total <= (_NEAR if damping else _SETTLED) * total:
+        if before - after <= (_NEAR if damping else _SETTLED) * after:
             break
     return fit
 
@@ -161,39 +169,42 @@ def _stepped(fit: Information, damping: float) -> Information:
     """The model and all poses a step of Gauss and Newton nearer to the rows; `damping`: added to the information about
     directions of scaled parameters, over the largest.
     """
-    _, pull = _without_poses(fit.blocks)
+    _, gradient = _without_poses(fit.blocks)
     size, values, vectors = fit.scaled
-    part = vectors[:, values > 0]
-    by = -part @ (part.T @ (pull / size) / (values[values > 0] + damping * values.max())) / size / fit.noise_px**2
-    moved = [_moved(view, block, by) for view, block in zip(fit.views, fit.blocks, strict=True)]
-    return Information.of(fit.names, fit.project, fit.parameters + by, moved, fit.noise_px)
+    is_determined = values > 0
+    directions, curvature = vectors[:, is_determined], values[is_determined] + damping * values.max()
+    step = -directions @ (directions.T @ (gradient / size) / curvature) / size / fit.noise_px**2
+    views = [_with_pose_after(view, block, step) for view, block in zip(fit.views, fit.blocks, strict=True)]
+    return Information.of(fit.names, fit.project, fit.parameters + step, views, fit.noise_px)
 
 
 def _block(project: Project, p: np.ndarray, view: View) -> tuple[Block, np.ndarray]:
     """A view's part, and its residuals (n, 2)."""
-    moved_mm = apply(view.model_from_target, view.points_mm)
-    by_own, by_point = derivatives(project, p, moved_mm, view.of_rows)
-    residual = project(p, moved_mm, view.of_rows) - view.x_px
-    own = by_own.reshape(-1, len(p))
-    pose = _by_pose(by_point, moved_mm, view.model_from_target[:3, 3]).reshape(-1, _POSE)
-    pull = np.concatenate([own, pose], axis=1).T @ residual.ravel()
-    return Block(own.T @ own, own.T @ pose, pose.T @ pose, pull), residual
+    points_mm = apply(view.model_from_target, view.points_mm)
+    by_parameter, by_point = derivatives(project, p, points_mm, view.row_numbers)
+    residual = project(p, points_mm, view.row_numbers) - view.x_px
+    by_parameter = by_parameter.reshape(-1, len(p))
+    by_pose = _by_pose(by_point, points_mm, view.model_from_target[:3, 3]).reshape(-1, _POSE)
+    gradient = np.concatenate([by_parameter, by_pose], axis=1).T @ residual.ravel()
+    return Block(by_parameter.T @ by_parameter, by_parameter.T @ by_pose, by_pose.T @ by_pose, gradient), residual
 
 
 def _without_poses(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
-    """Information about the parameters alone, (m, m), and their pull, (m,), with all poses eliminated."""
-    m = len(blocks[0].own)
-    matrix, pull = np.zeros((m, m)), np.zeros(m)
+    """Information about the parameters alone, (m, m), and their gradient, (m,), with all poses eliminated: the sum of
+    the Schur complements of the blocks.
+    """
+    m = len(blocks[0].parameters)
+    matrix, gradient = np.zeros((m, m)), np.zeros(m)
     for block in blocks:
         inverse = np.linalg.pinv(block.pose)
-        matrix += block.own - block.mixed @ inverse @ block.mixed.T
-        pull += block.pull[:m] - block.mixed @ inverse @ block.pull[m:]
-    return (matrix + matrix.T) / 2, pull
+        matrix += block.parameters - block.mixed @ inverse @ block.mixed.T
+        gradient += block.gradient[:m] - block.mixed @ inverse @ block.gradient[m:]
+    return (matrix + matrix.T) / 2, gradient
 
 
-def _moved(view: View, block: Block, by: np.ndarray) -> View:
-    """The view at the pose that fits best to parameters that have moved."""
-    turn, shift = np.split(-np.linalg.pinv(block.pose) @ (block.pull[len(by) :] + block.mixed.T @ by), 2)
+def _with_pose_after(view: View, block: Block, step: np.ndarray) -> View:
+    """The view at the pose that fits best after a step of the parameters."""
+    turn, shift = np.split(-np.linalg.pinv(block.pose) @ (block.gradient[len(step) :] + block.mixed.T @ step), 2)
     pose = view.model_from_target.copy()
     pose[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ pose[:3, :3]
     pose[:3, 3] += shift
@@ -201,17 +212,18 @@ def _moved(view: View, block: Block, by: np.ndarray) -> View:
 
 
 def derivatives(
-    project: Project, p: np.ndarray, points: np.ndarray, of_rows: np.ndarray
+    project: Project, p: np.ndarray, points: np.ndarray, row_numbers: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Derivatives of projections by parameters (n, 2, m) and by points (n, 2, 3), by complex steps."""
     h = 1j * IMAGINARY
-    by_own = [project(p + h * axis, points, of_rows).imag for axis in np.eye(len(p))]
-    by_point = [project(p.astype(complex), points + h * axis, of_rows).imag for axis in np.eye(3)]
-    return np.stack(by_own, axis=-1) / IMAGINARY, np.stack(by_point, axis=-1) / IMAGINARY
+    by_parameter = [project(p + h * axis, points, row_numbers).imag for axis in np.eye(len(p))]
+    by_point = [project(p.astype(complex), points + h * axis, row_numbers).imag for axis in np.eye(3)]
+    return np.stack(by_parameter, axis=-1) / IMAGINARY, np.stack(by_point, axis=-1) / IMAGINARY
 
 
 def _by_pose(by_point: np.ndarray, points: np.ndarray, pivot: np.ndarray) -> np.ndarray:
     """Derivatives by a small turn [rad] of the target about its origin and a shift [mm], (n, 2, 6)."""
-    (x, y, z), nil = (points - pivot).T, np.zeros(len(points))
-    turned = np.array([[nil, z, -y], [-z, nil, x], [y, -x, nil]]).transpose(2, 0, 1)
-    return np.concatenate([by_point @ turned, by_point], axis=2)
+    x, y, z = (points - pivot).T
+    zero = np.zeros(len(points))
+    point_by_turn = np.array([[zero, z, -y], [-z, zero, x], [y, -x, zero]]).transpose(2, 0, 1)
+    return np.concatenate([by_point @ point_by_turn, by_point], axis=2)

@@ -45,17 +45,17 @@ class Knowledge:
         return rms(self.information.residual_px)
 
 
-def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: str, noise_px: float) -> Knowledge:
-    """Fit a model and all poses to the rows of a build, and say what they tell.
+def knowledge_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: str, noise_px: float) -> Knowledge:
+    """Fit a model and all poses to the rows of a build, and take the information and predictions there.
 
     Raises FitError: there is no such model, it cannot stand for the camera, or too few points are seen.
     """
     field = field_rays(ready)
     f_px, *middle_px, centre_z_mm = field.start.tolist()
     splined = Splined.named(model, np.array([f_px, f_px, *middle_px]))
-    fitting = [THIN_LENS] if camera.is_plenoptic else [*MODELS, EXAMPLE]
-    if model not in fitting and (splined is None or camera.is_plenoptic):
-        hint = did_you_mean(model, fitting) or f"models for it: {', '.join(fitting)}"
+    models = [THIN_LENS] if camera.is_plenoptic else [*MODELS, EXAMPLE]
+    if model not in models and (splined is None or camera.is_plenoptic):
+        hint = did_you_mean(model, models) or f"models for it: {', '.join(models)}"
         raise FitError(f"{camera.name} has no model {model!r}", hint=hint)
     parameters: tuple[str, ...]
     project: Project
@@ -69,19 +69,17 @@ def knowledge(output: Output, camera: BuiltCamera, ready: ReadyCamera, model: st
         parameters = PARAMETERS
         start, project, centre = thin_plenoptic(ready).parameters, partial(on_sensor_px, ready), np.zeros(3)
     else:
-        fit = fitted(field, model)
-        centre, start = np.split(fit.parameters, [len(CENTRE)])
-        project, parameters = fit.model.of_rows, fit.model.parameters[len(CENTRE) :]
+        pinhole = fitted(field, model)
+        centre, start = np.split(pinhole.parameters, [len(CENTRE)])
+        project, parameters = pinhole.model.of_rows, pinhole.model.parameters[len(CENTRE) :]
 
     views = views_of(output, camera, ready, centre)
     if sum(2 * len(view.x_px) for view in views) < len(parameters) + 6 * len(views):
         raise FitError(f"{camera.name} sees too few points for {model} and {len(views)} poses")
-    known = information(parameters, project, start, views, noise_px)
+    fit = information(parameters, project, start, views, noise_px)
     distances = (field.planes_mm[0], *field.between_mm[2:3], field.planes_mm[1], 10 * field.planes_mm[1])
-    predictions = tuple(_predicted(known, field, ready, centre, z_mm) for z_mm in distances)
-    return Knowledge(
-        camera=camera.name, model=model, size_px=camera.size_px, information=known, predictions=predictions
-    )
+    predictions = tuple(_predicted(fit, field, ready, centre, z_mm) for z_mm in distances)
+    return Knowledge(camera=camera.name, model=model, size_px=camera.size_px, information=fit, predictions=predictions)
 
 
 def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm: np.ndarray) -> list[View]:
@@ -92,31 +90,31 @@ def views_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, centre_mm:
         if lattice is not None:
             rows = rows[rows.hit_fraction >= FULL]
         for name, pose in view.poses.camera_from_target.items():
-            seen = rows[rows.target == name]
-            if len(np.unique(seen.point_id)) < _LEAST_POINTS:
+            of_target = rows[rows.target == name]
+            if len(np.unique(of_target.point_id)) < _LEAST_POINTS:
                 continue
-            vertices = np.zeros((len(seen), 0))
+            vertices = np.zeros((len(of_target), 0))
             if lattice is not None:
-                vertices = ready.rig.tracer.vertices_mm[lattice.rows(seen.microlens_k, seen.microlens_l)]
-            moved = pose.copy()
-            moved[:3, 3] -= centre_mm
-            x_px = np.stack([seen.x_px, seen.y_px], axis=1).astype(float)
-            views.append(View(moved, output.targets[name].points_mm[seen.point_id], vertices, x_px))
+                vertices = ready.rig.tracer.vertices_mm[lattice.rows(of_target.microlens_k, of_target.microlens_l)]
+            model_from_target = pose.copy()
+            model_from_target[:3, 3] -= centre_mm
+            x_px = np.stack([of_target.x_px, of_target.y_px], axis=1).astype(float)
+            points_mm = output.targets[name].points_mm[of_target.point_id]
+            views.append(View(model_from_target, points_mm, vertices, x_px))
     if not views:
         raise FitError(f"{camera.name} sees nothing that tells about it", hint="a view needs four points of a target")
     return views
 
 
 def _predicted(
-    known: Information, field: FieldRays, ready: ReadyCamera, centre_mm: np.ndarray, z_mm: float
+    fit: Information, field: FieldRays, ready: ReadyCamera, centre_mm: np.ndarray, z_mm: float
 ) -> Prediction:
     """Predict points on rays of the main lens all over the image, behind microlenses through that of each position."""
-    points, of_rows = field.points(z_mm) - centre_mm, np.zeros((len(field.x_px), 0))
+    points, vertices = field.points(z_mm) - centre_mm, np.zeros((len(field.x_px), 0))
     tracer = ready.rig.tracer
     if tracer.lattice is not None:
-        places = tracer.positions_mm(*field.x_px.T)
-        of_rows = tracer.vertices_mm[ready.rig.microlens_at(places)]
-    covariance = known.of_projections(points, of_rows)
+        vertices = tracer.vertices_mm[ready.rig.microlens_at(tracer.positions_mm(*field.x_px.T))]
+    covariance = fit.of_projections(points, vertices)
     is_open = ~np.isfinite(covariance).all(axis=(1, 2))
     largest = np.linalg.eigvalsh(np.where(is_open[:, None, None], 0.0, covariance))[:, -1]
     return Prediction(z_mm=z_mm, x_px=field.x_px, deviation_px=np.where(is_open, np.inf, np.sqrt(largest)))

@@ -329,7 +329,7 @@ def _vnl(path: Path, stated: Stated) -> Observations:
         if cells[1] == "-":
             continue
         try:
-            x, y, level = float(cells[1]), float(cells[2]), float(cells[3]) if len(cells) > 3 else 0.0
+            x, y, level = map(float, [*cells[1:4], "0"][:3])
         except ValueError:
             raise DamagedFile(path, f"no number in {line!r}", line=number) from None
         columns["line"].append(number)
@@ -358,7 +358,8 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
     its own grid: positions say which ones they are.
     """
     try:
-        data, parts, first = gzip.decompress(path.read_bytes()), [], 0
+        data = gzip.decompress(path.read_bytes())
+        parts, first = [], 0
         for layout in (_LIBPLENO, _CORNER, _FEATURE):
             count = int.from_bytes(data[first : first + 8], "little")
             parts.append(np.frombuffer(data, layout, count, first + 8))

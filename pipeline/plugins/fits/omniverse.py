@@ -44,20 +44,20 @@ def seen_by_omniverse(camera: FittedCamera, prim_path: str, pitch_mm: float) -> 
 
     Raises FitError: no schema has any of the fitted models.
     """
-    known: dict[str, Fit] = {}
+    by_schema: dict[str, Fit] = {}
     for fit in sorted(camera.fits, key=lambda fit: -fit.rms_px):  # of several in one schema the best stays
         if fit.model.name in _NAMES:
-            known[_NAMES[fit.model.name][1]] = fit
-    if not known:
+            by_schema[_NAMES[fit.model.name][1]] = fit
+    if not by_schema:
         raise FitError(
             "no schema of Omniverse has these models", hint=f"it has {', '.join(_NAMES)}; choose with --model"
         )
-    best = min(known.values(), key=lambda fit: fit.rms_px)
+    best = min(by_schema.values(), key=lambda fit: fit.rms_px)
     x, y, z = (np.round(best.parameters[:3], _DECIMALS) + 0.0).tolist()
     width, height = camera.field.size_px
     return SeenCamera(
         prim_path=prim_path,
-        schemas=tuple(_schema(fit, camera) for fit in known.values()),
+        schemas=tuple(_schema(fit, camera) for fit in by_schema.values()),
         model=_NAMES[best.model.name][1],
         centre_mm=(x, y, z),
         principal_mm=float(camera.field.start[0]) * pitch_mm,
@@ -67,6 +67,7 @@ def seen_by_omniverse(camera: FittedCamera, prim_path: str, pitch_mm: float) -> 
 
 
 def _schema(fit: Fit, camera: FittedCamera) -> AppliedSchema:
+    """The schema of a fit, with its coefficients, size of the image and centre."""
     middle, word = _NAMES[fit.model.name]
     values = fit.values
     width, height = camera.field.size_px

@@ -7,12 +7,12 @@ import numpy as np
 from pipeline.fits.field import FieldRays
 
 _STEEP = 1e-4
-"""Slope below which a ray has no place where it passes the axis [1]: it would be a quotient of small numbers."""
+"""Slope below which a ray has no point where it passes the axis [1]: it would be a quotient of small numbers."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PupilCurve:
-    """Places where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each, (m,)."""
+    """Points where rays pass the axis, from the middle of the field to its edge: the entrance pupil of each, (m,)."""
 
     angle_deg: np.ndarray  # angle of the ray with the axis
     z_mm: np.ndarray  # vision z of the point of the ray that is nearest to the axis

@@ -36,19 +36,19 @@ def found_images(folders: Sequence[str], dataset: Dataset, layer: Path) -> Image
     Raises UsageError: no such camera or frame, an image of another size, two of a frame, or a file that a build of
     `layer` may not read.
     """
-    sizes_px = {each.name: each.camera.sensor.size_px for each in dataset.cameras}
+    sizes_px = {camera.name: camera.camera.sensor.size_px for camera in dataset.cameras}
     frames, roots = {frame.number for frame in dataset.frames}, allowed_roots(layer)
     images: dict[str, dict[str, str]] = {}
-    for asked in folders:
-        camera, _, folder = asked.rpartition("=")
+    for option in folders:
+        camera, _, folder = option.rpartition("=")
         camera = camera or (next(iter(sizes_px)) if len(sizes_px) == 1 else "")
         if camera not in sizes_px:
             hint = f"say --images CAMERA=FOLDER; cameras: {', '.join(sizes_px)}"
-            raise UsageError(f"--images {asked} names no camera of the dataset", hint=hint)
+            raise UsageError(f"--images {option} names no camera of the dataset", hint=hint)
         files = sorted(file for file in Path(folder).glob("*") if file.suffix.lower() in _SUFFIXES)
         if not files:
             raise UsageError(f"{folder} is no folder with images", hint=f"they end in {', '.join(_SUFFIXES)}")
-        of = images.setdefault(camera, {})
+        of_camera = images.setdefault(camera, {})
         for file in files:
             digits = re.findall(r"\d+", file.stem)
             if not digits or int(digits[-1]) not in frames:
@@ -57,21 +57,21 @@ def found_images(folders: Sequence[str], dataset: Dataset, layer: Path) -> Image
             if not is_inside(file, roots):
                 raise UsageError(f"a build of {layer} may not read {file}", hint=OUTSIDE_HINT)
             relative = os.path.relpath(real_path(file), real_path(layer).parent)
-            if (other := of.setdefault(str(int(digits[-1])), relative)) != relative:
+            if (other := of_camera.setdefault(str(int(digits[-1])), relative)) != relative:
                 raise UsageError(f"{file} and {other} are both of frame {int(digits[-1])}", hint="leave one out")
-            _real(file, None, sizes_px[camera])
+            _pixels(file, None, sizes_px[camera])
     return images
 
 
-def _real(file: Path, channel: str | None, size_px: tuple[int, int]) -> np.ndarray:
+def _pixels(file: Path, channel: str | None, size_px: tuple[int, int]) -> np.ndarray:
     """Numbers of an image, (h, w): of one channel, or the mean of all; UsageError: no image, or one of another size."""
     pixels = cv2.imread(str(file), cv2.IMREAD_UNCHANGED) if file.is_file() else None
     if pixels is None:
         raise UsageError(f"{file} is no image that can be read")
     if pixels.shape[1::-1] != tuple(size_px):
-        found, wanted = ("{} x {}".format(*size) for size in (pixels.shape[1::-1], size_px))
+        own_size, size = ("{} x {}".format(*pair) for pair in (pixels.shape[1::-1], size_px))
         hint = "give images as the sensor has them, neither cropped, scaled nor turned"
-        raise UsageError(f"{file} is {found} px, the images of the camera are {wanted} px", hint=hint)
+        raise UsageError(f"{file} is {own_size} px, the images of the camera are {size} px", hint=hint)
     if pixels.ndim == 2:
         return pixels.astype(float)
     return pixels[..., _OF_CHANNEL[channel]].astype(float) if channel in _OF_CHANNEL else pixels.mean(axis=2)
@@ -101,7 +101,7 @@ class SideBySide:
         """Real image, and that of the twin: raw where both are, else its light."""
         view = self.views[frame]
         body, channel = body_and_channel(view.camera)
-        real = _real(self.files[frame], channel, view.size_px)
+        real = _pixels(self.files[frame], channel, view.size_px)
         assert view.image_path is not None
         raw = view.image_path.parent.parent / body / "raw.tiff"
         if raw.is_file():
@@ -115,15 +115,16 @@ class SideBySide:
     @cached_property
     def scale(self) -> np.ndarray:
         """Gain and offset that bring the twin's images nearest to the real ones, (2,)."""
-        products = np.mean([each.products for each in self._sums.values()], axis=0)
-        return np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]
+        products = np.mean([sums.products for sums in self._sums.values()], axis=0)
+        return np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]  # the normal equations
 
     @property
     def lines(self) -> list[str]:
         """Lines about all frames."""
         gain, offset = self.scale
-        by = np.array([1.0, -gain, -offset])
-        rms = {frame: np.sqrt(max(by @ each.products @ by, 0.0)) / self._range for frame, each in self._sums.items()}
+        difference = np.array([1.0, -gain, -offset])  # of a real image, its twin and 1
+        mean_square = {frame: difference @ sums.products @ difference for frame, sums in self._sums.items()}
+        rms = {frame: np.sqrt(max(value, 0.0)) / self._range for frame, value in mean_square.items()}
         return [
             f"real images beside the twin's, which are times {gain:.6g} plus {offset:.6g}: nearest over all frames,"
             " between the outermost positions",
@@ -133,8 +134,13 @@ class SideBySide:
 
     @property
     def _range(self) -> float:
-        sums = self._sums.values()
-        return max(max(each.high for each in sums) - min(each.low for each in sums), np.finfo(float).tiny)
+        """Range of the real images, above 0."""
+        highest = max(sums.high for sums in self._sums.values())
+        return max(highest - self._lowest, np.finfo(float).tiny)
+
+    @property
+    def _lowest(self) -> float:
+        return min(sums.low for sums in self._sums.values())
 
     def pictures(self, frame: int) -> dict[str, np.ndarray]:
         """Pictures of a frame by name, (h, w) uint8: both images on one scale, and their difference."""
@@ -143,10 +149,9 @@ class SideBySide:
         real, twin = self._pair(frame)
         gain, offset = self.scale
         twin = gain * twin + offset
-        low = min(each.low for each in self._sums.values())
         shades = {
-            "real": (real - low) / self._range,
-            "twin": (twin - low) / self._range,
+            "real": (real - self._lowest) / self._range,
+            "twin": (twin - self._lowest) / self._range,
             "real minus twin": 0.5 + (real - twin) / (2 * SPAN * self._range),
         }
         return {name: np.rint(255 * np.clip(shade, 0, 1)).astype(np.uint8) for name, shade in shades.items()}
@@ -167,5 +172,5 @@ class _Sums:
         mask = np.zeros(real.shape, np.uint8)
         cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(observed_px).astype(np.int32)), 1)
         inside = mask > 0
-        each = np.stack([real[inside], twin[inside], np.ones(inside.sum())])
-        return cls(each @ each.T / inside.sum(), float(real[inside].min()), float(real[inside].max()))
+        columns = np.stack([real[inside], twin[inside], np.ones(inside.sum())])
+        return cls(columns @ columns.T / inside.sum(), float(real[inside].min()), float(real[inside].max()))

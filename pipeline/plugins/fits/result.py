@@ -47,16 +47,16 @@ def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
     `names`: keys of `MODELS`, `THIN_LENS` or `ALL`.
     Raises FitError: there is no such model, or it cannot stand for the camera.
     """
-    wanted = list(dict.fromkeys(names))
-    if is_all := ALL in wanted:
-        wanted = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
-    for name in wanted:
+    models = list(dict.fromkeys(names))
+    if is_all := ALL in models:
+        models = [*MODELS, *([THIN_LENS] if camera.is_plenoptic else [])]
+    for name in models:
         if name not in (*MODELS, THIN_LENS):
-            others = [*MODELS, THIN_LENS, ALL]
-            hint = did_you_mean(name, others) or f"models: {', '.join(others)}"
+            names_of_models = [*MODELS, THIN_LENS, ALL]
+            hint = did_you_mean(name, names_of_models) or f"models: {', '.join(names_of_models)}"
             raise FitError(f"there is no model {name!r}", hint=hint)
     field, fits = field_rays(camera), list[Fit]()
-    for name in wanted:
+    for name in models:
         try:
             fits += [] if name == THIN_LENS else [fitted(field, name)]
         except FitError:
@@ -66,7 +66,7 @@ def fit_camera(camera: ReadyCamera, names: Iterable[str]) -> FittedCamera:
         name=camera.name,
         field=field,
         fits=tuple(fits),
-        thin=thin_plenoptic(camera) if THIN_LENS in wanted else None,
+        thin=thin_plenoptic(camera) if THIN_LENS in models else None,
         pupil=pupil_curve(field),
     )
 
@@ -105,8 +105,11 @@ def worst(fit: Fit, field: FieldRays) -> dict[str, float]:
 
 def by_distance(fit: Fit, field: FieldRays) -> list[dict[str, float]]:
     """Vision z, rms and largest residual on planes at other distances: what no centre of projection explains."""
-    residuals = [(z_mm, fit.at_distance(field, z_mm)) for z_mm in field.distances_mm]
-    return [{"z_mm": z, "rms_px": rms(off), "max_px": float(np.hypot(*off.T).max())} for z, off in residuals]
+    rows = []
+    for z_mm in field.distances_mm:
+        residual_px = fit.at_distance(field, z_mm)
+        rows.append({"z_mm": z_mm, "rms_px": rms(residual_px), "max_px": float(np.hypot(*residual_px.T).max())})
+    return rows
 
 
 def _model(fit: Fit, field: FieldRays) -> Json:
@@ -150,9 +153,9 @@ def page(camera: FittedCamera) -> Iterator[str]:
     if camera.fits:
         yield "model             rms        largest    where"
     for fit in camera.fits:
-        at = worst(fit, field)
-        where = f"at ({at['x_px']:g}, {at['y_px']:g}) px, {at['z_mm']:.4g} mm"
-        yield f"{fit.model.name:16}  {fit.rms_px:.3e}  {fit.max_px:.3e}  {where}"
+        largest = worst(fit, field)
+        position = f"at ({largest['x_px']:g}, {largest['y_px']:g}) px, {largest['z_mm']:.4g} mm"
+        yield f"{fit.model.name:16}  {fit.rms_px:.3e}  {fit.max_px:.3e}  {position}"
     for fit in camera.fits:
         yield ""
         yield f"{fit.model.name}: {fit.model.consumer}"

@@ -151,6 +151,7 @@ class _StepSearch:
         self.damping = _LESS * self.damping if self.damping > _FIRST_DAMPING else 0.0
 
     def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool) -> _Step:
+        """The step with the present damping, and what becomes of the loss by it."""
         number_step = linearisation.step(iterate.correction, self.damping, self._curvature)
         pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
         correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
@@ -183,8 +184,8 @@ def solve(
 ) -> Solution:
     """Fit numbers and poses to rows, from first corrections of the numbers and first poses."""
     iterate = _Iterate(correction, poses, problem.residual(correction, poses))
-    search, step = _StepSearch(problem, assumptions, len(correction)), None
-    count, ending, converged = 0, f"{_STEPS} steps were not enough", False
+    search, step, count = _StepSearch(problem, assumptions, len(correction)), None, 0
+    ending, converged = f"{_STEPS} steps were not enough", False
     for count in range(1, _STEPS + 1):
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
         linearisation = Linearisation(slopes, iterate.residual, assumptions)

@@ -37,9 +37,9 @@ class Splined:
     @classmethod
     def named(cls, name: str, core: Float64[np.ndarray, "4"]) -> Self | None:
         """The model of a name of mrcal's, None of another one. Raises FitError: it has no such grid."""
-        if (stated := _NAME.fullmatch(name)) is None:
+        if (match := _NAME.fullmatch(name)) is None:
             return None
-        order, columns, rows, fov_x_deg = map(int, stated.groups())
+        order, columns, rows, fov_x_deg = map(int, match.groups())
         if min(columns, rows) < _LEAST or not 0 < fov_x_deg < 360:
             raise FitError(
                 f"{name} has no spline", hint=f"at least {_LEAST} control points along x and y, below 360 deg"
@@ -63,33 +63,31 @@ class Splined:
         u = 2 * points[:, :2] / depth[:, None]
         across = 4 * np.tan(np.deg2rad(self.fov_x_deg / 4))
         per_u = (self.columns - self.order) / across  # a spline of order k needs (k - 1) / 2 intervals beyond an edge
-        (i, of_x), (j, of_y) = (
-            self._weights(u[:, axis] * per_u + (count - 1) / 2, count)
-            for axis, count in enumerate((self.columns, self.rows))
-        )
-        control = p.reshape(self.rows, self.columns, 2)[j[:, :, None], i[:, None, :]]
-        bent = np.einsum("nj,ni,njix->nx", of_y, of_x, control)
+        column, weight_x = self._weights(u[:, 0] * per_u + (self.columns - 1) / 2, self.columns)
+        row, weight_y = self._weights(u[:, 1] * per_u + (self.rows - 1) / 2, self.rows)
+        control = p.reshape(self.rows, self.columns, 2)[row[:, :, None], column[:, None, :]]
+        bent = np.einsum("nj,ni,njix->nx", weight_y, weight_x, control)
         return (u + bent) * self.core[:2] + self.core[2:]
 
     def nearest(self, points: Float64[np.ndarray, "n 3"], x_px: Float64[np.ndarray, "n 2"]) -> np.ndarray:
         """Control points with which points are projected to image positions best; 0 where they do not tell them."""
-        nothing, none = np.zeros(len(self.parameters)), np.zeros((len(points), 0))
-        by_own, _ = derivatives(self.project, nothing, points, none)
-        off = x_px - self.project(nothing, points, none)
-        return np.linalg.lstsq(by_own.reshape(off.size, -1), off.ravel(), rcond=_LEAST_SHARE)[0]
+        flat, row_numbers = np.zeros(len(self.parameters)), np.zeros((len(points), 0))
+        by_control, _ = derivatives(self.project, flat, points, row_numbers)
+        residual_px = x_px - self.project(flat, points, row_numbers)
+        columns = by_control.reshape(residual_px.size, -1)
+        return np.linalg.lstsq(columns, residual_px.ravel(), rcond=_LEAST_SHARE)[0]
 
-    def _weights(self, place: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Control points that bend places counted in these, and their weights, (n, order + 1) each.
-
-        Beyond the grid the last segment goes on.
+    def _weights(self, position: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Control points that bend positions counted in these, and their weights, (n, order + 1) each: those of a
+        uniform quadratic or cubic B-spline. Beyond the grid the last segment goes on.
         """
         if self.order == 2:
-            first = np.clip(np.floor(place.real + 0.5), 1, count - 2).astype(int) - 1
-            x = place - first - 1
-            parts = [(1 - 2 * x) ** 2 / 8, 3 / 4 - x * x, (1 + 2 * x) ** 2 / 8]
+            first = np.clip(np.floor(position.real + 0.5), 1, count - 2).astype(int) - 1
+            x = position - first - 1
+            weights = [(1 - 2 * x) ** 2 / 8, 3 / 4 - x * x, (1 + 2 * x) ** 2 / 8]
         else:
-            first = np.clip(np.floor(place.real), 1, count - 3).astype(int) - 1
-            x = place - first - 1
+            first = np.clip(np.floor(position.real), 1, count - 3).astype(int) - 1
+            x = position - first - 1
             y = 1 - x
-            parts = [y**3 / 6, 2 / 3 - x * x * (1 + y) / 2, 2 / 3 - y * y * (1 + x) / 2, x**3 / 6]
-        return first[:, None] + np.arange(self.order + 1), np.stack(parts, axis=1)
+            weights = [y**3 / 6, 2 / 3 - x * x * (1 + y) / 2, 2 / 3 - y * y * (1 + x) / 2, x**3 / 6]
+        return first[:, None] + np.arange(self.order + 1), np.stack(weights, axis=1)

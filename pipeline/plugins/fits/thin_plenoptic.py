@@ -94,47 +94,51 @@ def thin_plenoptic(camera: ReadyCamera) -> ThinPlenopticFit:
         )
     assert images.microlens is not None
     vertices = camera.rig.tracer.vertices_mm[lattice.rows(*images.microlens.T)]
-    seen, wanted = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
+    points_mm, x_px = points[images.point], np.stack([images.x_px, images.y_px], axis=1)
 
-    def off(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
-        return on_sensor_px(camera, p, seen[rows], vertices[rows]) - wanted[rows]
+    def residual_px(p: np.ndarray, rows: np.ndarray = is_full) -> np.ndarray:
+        return on_sensor_px(camera, p, points_mm[rows], vertices[rows]) - x_px[rows]
 
     ranges = np.array([(-np.inf, 0.0 if name in ("a0", "a1", "a2") else np.nan, np.inf) for name in PARAMETERS])
-    parameters = least(lambda p: off(p).ravel(), _start(camera), ranges)
+    parameters = least(lambda p: residual_px(p).ravel(), _start(camera), ranges)
     return ThinPlenopticFit(
         parameters=parameters,
-        residual_px=off(parameters),
-        dim_px=off(parameters, ~is_full),
+        residual_px=residual_px(parameters),
+        dim_px=residual_px(parameters, ~is_full),
         points=len(points),
     )
 
 
 def on_sensor_px(camera: ReadyCamera, p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) -> np.ndarray:
     """Image positions of points (n, 3) through microlenses (n, 2), as `Tracer.pixels_at`, analytic, (n, 2)."""
-    places_mm = positions_mm(p, points_mm, vertices_mm) - p[7:9]  # on the sensor, which is shifted
-    return np.asarray(camera.rig.tracer.pixels_at(np.zeros((1, 2))) - places_mm / camera.camera.sensor.pitch_mm)
+    on_sensor_mm = positions_mm(p, points_mm, vertices_mm) - p[7:9]  # the sensor is shifted
+    return np.asarray(camera.rig.tracer.pixels_at(np.zeros((1, 2))) - on_sensor_mm / camera.camera.sensor.pitch_mm)
 
 
 def positions_mm(p: np.ndarray, points_mm: np.ndarray, vertices_mm: np.ndarray) -> np.ndarray:
     """Points of the sensor where a thin-lens camera images points (n, 3) through microlenses (n, 2), vision frame."""
     focal, lens_z, main_lens, sensor, turn, x, y = p[:7]
     a0, a1, a2 = p[9:]
-    away = points_mm[:, 2] - lens_z
-    image = points_mm[:, :2] * (-focal / (away - focal))[:, None]
+    # The thin lens images points at a depth behind it, where radial distortion acts.
+    object_distance = points_mm[:, 2] - lens_z
+    image_distance = object_distance * focal / (object_distance - focal)
+    image = points_mm[:, :2] * (-focal / (object_distance - focal))[:, None]
     r2 = (image * image).sum(axis=1)
     image = image * (1 + r2 * (a0 + r2 * (a1 + r2 * a2)))[:, None]
-    behind = away * focal / (away - focal)
-    turned = vertices_mm @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    vertex = turned + np.array([x, y])
-    return np.asarray(vertex - (vertex - image) * (sensor / (behind - main_lens))[:, None])
+    # A straight line from there through the centre of a microlens meets the sensor.
+    rotated = vertices_mm @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    vertex = rotated + np.array([x, y])
+    return np.asarray(vertex - (vertex - image) * (sensor / (image_distance - main_lens))[:, None])
 
 
 def _scene_points(camera: ReadyCamera, count: int) -> np.ndarray:
     """Points on rays of the main lens all over the image, (5 count, 3); each distance has others."""
     field = field_rays(camera)
-    distances = field.between_mm
-    chosen = [(np.arange(count) * _EVERY + number) % len(field.x_px) for number in range(len(distances))]
-    return np.concatenate([field.points(z_mm)[rows] for z_mm, rows in zip(distances, chosen, strict=True)])
+    points = []
+    for number, z_mm in enumerate(field.between_mm):
+        rows = (np.arange(count) * _EVERY + number) % len(field.x_px)
+        points.append(field.points(z_mm)[rows])
+    return np.concatenate(points)
 
 
 def _start(camera: ReadyCamera) -> np.ndarray:

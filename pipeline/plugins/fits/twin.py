@@ -277,6 +277,7 @@ def document(twin: Twin) -> Json:
 
 
 def _number_documents(twin: Twin) -> list[Json]:
+    """Facts about each free number; what is infinite is null."""
     solution = twin.solution
     return [
         {
@@ -309,6 +310,7 @@ def _open_directions(twin: Twin) -> list[Json]:
 
 
 def _row_columns(twin: Twin) -> Json:
+    """Columns of all rows; a row that the stage does not have has no residual, and a centre no frame."""
     observations, solution = twin.observations, twin.solution
     frames = zip(observations.frame.tolist(), observations.is_centre, strict=True)
     return {

@@ -37,21 +37,22 @@ def tell(report: Any, stage: Path, output: Output) -> None:
 
 
 def _tell_camera(report: Any, stage: Path, output: Output, camera: str, fit: Any, lines: list[str]) -> None:
+    """Tell a report about a camera: the lines of the fit, those about its images, the maps, and the images."""
     names = fit["images"].get(body_and_channel(camera)[0], {})
     files = {int(frame): stage.parent / name for frame, name in names.items()}
     for file in files.values():
         if not is_inside(file, allowed_roots(stage)):
             raise UsageError(f"the report may not read {file}", hint=OUTSIDE_HINT)
-    pairs, more = SideBySide.of(output, camera, files, _observed_px(fit["rows"], camera)), []
-    if pairs.files:
-        more = ["", *pairs.lines]
+    pairs = SideBySide.of(output, camera, files, _observed_px(fit["rows"], camera))
+    remarks = ["", *pairs.lines] if pairs.files else []
     if without := sorted(files.keys() - pairs.observed_px.keys()):
-        more.append(f"real images of frames without positions are not shown: {', '.join(map(str, without))}")
+        remarks.append(f"real images of frames without positions are not shown: {', '.join(map(str, without))}")
+    drawing = ""
     try:
         drawing = residual_maps(fit, camera)
     except UsageError as error:  # matplotlib is not installed
-        drawing, more = "", [*more, "", f"no maps: {error.message}"]
-    report.tell("Twin", camera, [*lines, *more], drawing, pairs.pictures)
+        remarks += ["", f"no maps: {error.message}"]
+    report.tell("Twin", camera, [*lines, *remarks], drawing, pairs.pictures)
 
 
 def _observed_px(rows: Any, camera: str) -> dict[int, np.ndarray]:

@@ -40,7 +40,7 @@ def _print_models(wanted: bool) -> None:
 
 @verbs.command("fit", cls=Verb, rich_help_panel=USE)
 def fit(
-    place: Annotated[
+    stage_or_build: Annotated[
         Path,
         typer.Argument(metavar="STAGE|OUT", help="A dataset, a rig or the folder of a build.", callback=library_file),
     ],
@@ -87,7 +87,7 @@ def fit(
         wrong = "exists" if layer.exists() else "must end in .usda"
         raise UsageError(f"{layer} {wrong}", hint="choose another name")
     names = [name.strip() for item in models or () for name in item.split(",") if name.strip()]
-    camera_fit = fitted(place, camera, names, tuple(allow_root or ()))
+    camera_fit = fitted(stage_or_build, camera, names, tuple(allow_root or ()))
     fits = camera_fit.camera
     files = ((plot, camera_fit.plot), (layer, camera_fit.layer))
     for path, write in files:  # before whoever reads the page may leave
@@ -134,13 +134,13 @@ def inform(
     if plot is not None or to_report:
         require_plots()
     report, written = plugged_in("report", "html")() if to_report else None, None
-    known = informed(out, camera, model, noise, tuple(allow_root or ()))
+    knowledge = informed(out, camera, model, noise, tuple(allow_root or ()))
     if plot is not None:
-        stages.draw(drawing(known), plot)
+        stages.draw(drawing(knowledge), plot)
     if report is not None:
-        report.tell("Information", known.camera, page(known), maps(known))
+        report.tell("Information", knowledge.camera, page(knowledge), maps(knowledge))
         written = report.write(out, warn=note)
-    say(json_bytes(document(known)).decode().rstrip("\n") if as_json else "\n".join(page(known)))
+    say(json_bytes(document(knowledge)).decode().rstrip("\n") if as_json else "\n".join(page(knowledge)))
     note(*(f"wrote {file}" for file in (plot, written) if file is not None))
 
 

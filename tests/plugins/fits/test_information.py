@@ -80,7 +80,7 @@ def test_a_fit_from_elsewhere_ends_where_the_rows_were_made():
     start = OWN * (1.02, 0.98, 1.01, 0.99, 0, 0, 0, 0, 0)
     moved = [View(pose, *view) for pose, view in zip(poses(), _rest(views(poses())), strict=True)]
     shift = rigid(Rotation.from_rotvec([0.01, -0.02, 0.01]).as_matrix(), np.array([2.0, -1.0, 5.0]))
-    moved = [View(view.model_from_target @ shift, view.points_mm, view.of_rows, view.x_px) for view in moved]
+    moved = [View(view.model_from_target @ shift, view.points_mm, view.row_numbers, view.x_px) for view in moved]
     known = information(NAMES, MODELS["brown"].of_rows, start, moved, NOISE_PX)
 
     np.testing.assert_allclose(known.parameters, OWN, rtol=1e-9, atol=1e-9)
@@ -88,7 +88,7 @@ def test_a_fit_from_elsewhere_ends_where_the_rows_were_made():
 
 
 def _rest(of: list[View]) -> list[tuple[np.ndarray, ...]]:
-    return [(view.points_mm, view.of_rows, view.x_px) for view in of]
+    return [(view.points_mm, view.row_numbers, view.x_px) for view in of]
 
 
 def test_one_board_that_faces_a_pinhole_leaves_its_distance_open_and_says_so():
@@ -215,7 +215,7 @@ def test_a_plenoptic_build_tells_a_thin_lens_all_but_where_it_stands_before_boar
     known = inform(plenoptic_build, None, None, 0.05)
     told = known.information
     place = told.names.index("lens_z_mm")
-    alone = sum(block.own[place, place] for block in told.blocks) / told.noise_px**2
+    alone = sum(block.parameters[place, place] for block in told.blocks) / told.noise_px**2
 
     assert known.model == "thin-lens-plenoptic" and told.rank == len(told.names) - 1
     assert abs(told.matrix[place, place]) < 1e-12 * alone

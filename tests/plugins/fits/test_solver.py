@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from pipeline.frames import rigid
 from pipeline.plugins.fits.linear_rows import Assumptions
 from pipeline.plugins.fits.predicted_rows import Slopes, moved
-from pipeline.plugins.fits.solver import solve
+from pipeline.plugins.fits.solver import CREPT, solve
 
 BOARD_MM = np.array([[10.0 * i, 10.0 * j, 0.0] for j in range(-2, 3) for i in range(-3, 4)])
 FOCAL_PX, SIGMA_PX = 4000.0, 0.1
@@ -19,13 +19,21 @@ TILTS = ((0.0, 0.0), (0.12, 0.0), (0.3, -0.4))
 
 @dataclass(frozen=True)
 class Pinhole:
-    """A pinhole with a free focal length and centre [px], and boards before it; derivatives are differences."""
+    """A pinhole with a free focal length and centre [px], and k1, and boards before it; derivatives are differences.
+
+    `free`: which of the four numbers are corrected.
+    """
 
     observed_px: np.ndarray
+    free: tuple[int, ...] = (0, 1, 2)
 
     def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        off = np.zeros(4)
+        off[list(self.free)] = correction
         points = np.concatenate([BOARD_MM @ pose[:3, :3].T + pose[:3, 3] for pose in poses])
-        return (FOCAL_PX + correction[0]) * points[:, :2] / points[:, 2:] + correction[1:] - self.observed_px
+        slope = points[:, :2] / points[:, 2:]
+        bent = slope * (1 + off[3] * (slope**2).sum(axis=1, keepdims=True))
+        return (FOCAL_PX + off[0]) * bent + off[1:3] - self.observed_px
 
     def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         step = 1e-4
@@ -34,8 +42,8 @@ class Pinhole:
             ends = (self.residual(correction + sign * number_step, moved(poses, sign * pose_step)) for sign in (1, -1))
             return np.subtract(*ends) / (2 * step)
 
-        by_number = np.stack([difference(axis, np.zeros(6)) for axis in step * np.eye(3)], axis=2)
-        by_pose = np.stack([difference(np.zeros(3), axis) for axis in step * np.eye(6)], axis=2)
+        by_number = np.stack([difference(axis, np.zeros(6)) for axis in step * np.eye(len(correction))], axis=2)
+        by_pose = np.stack([difference(np.zeros(len(correction)), axis) for axis in step * np.eye(6)], axis=2)
         arm_mm = np.concatenate([BOARD_MM @ pose[:3, :3].T for pose in poses])
         return Slopes(by_number=by_number, by_pose=by_pose, arm_mm=arm_mm)
 
@@ -70,6 +78,28 @@ def test_noisy_fits_converge_from_a_mirrored_tilt_and_scatter_by_the_stated_cova
         expected += solution.expected.sum()
     for total, count in ((np.square(errors).sum(), np.size(errors)), (misfits, expected)):
         assert chi2.ppf(1e-4, count) < total < chi2.ppf(1 - 1e-4, count)
+
+
+def test_the_number_that_keeps_a_fit_from_converging_is_the_weakest():
+    """Boards that hardly turn from the camera, with noise, tell k1, but not a focal length from their distances."""
+    tilts = ((0.005, 0.0), (0.0, 0.005), (-0.005, 0.005))
+    poses, noise_px = posed(tilts), np.random.default_rng(2).normal(scale=SIGMA_PX, size=(len(BOARD_MM) * 3, 2))
+    rows_px = Pinhole(-noise_px, (0, 3)).residual(np.array([40.0, 0.05]), poses)
+    ends = {}
+    for free in ((0, 1, 2, 3), (1, 2, 3)):
+        unbounded = np.full(len(free), np.inf)
+        assumptions = Assumptions(
+            sigma_px=np.full(len(rows_px), SIGMA_PX),
+            view=np.repeat(np.arange(len(tilts)), len(BOARD_MM)),
+            prior_deviation=unbounded,
+            reach=unbounded,
+            has_free_poses=True,
+            loss_scale=None,
+        )
+        ends[free] = solve(Pinhole(rows_px, free), assumptions, np.zeros(len(free)), poses)
+    crept, converged = ends.values()
+    assert crept.ending == CREPT and abs(crept.weakest[0]) > 0.9 and abs(crept.weakest[3]) < 0.1
+    assert converged.converged
 
 
 class Bent:
