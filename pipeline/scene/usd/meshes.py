@@ -201,12 +201,26 @@ def array_of(prim: Usd.Prim, name: str, time: float | None) -> np.ndarray:
     return numbers(value if value is not None else [])
 
 
+def _points_at(prim: Usd.Prim, time: float | None) -> tuple[np.ndarray, list[str]]:
+    """Vertices of a mesh at a time, (v, 3), between samples by its velocities, as USD has it; and flaws of these."""
+    points = array_of(prim, "points", time).reshape(-1, 3)
+    mesh = UsdGeom.PointBased(prim)
+    if time is None or not mesh.GetVelocitiesAttr().GetNumTimeSamples():
+        return points, []
+    # USD would read beyond the end of arrays that are shorter than that of the points at the sample before.
+    before = next(iter(mesh.GetPointsAttr().GetBracketingTimeSamples(time)), time)
+    rates = [rate for rate in (mesh.GetVelocitiesAttr(), mesh.GetAccelerationsAttr()) if rate.HasAuthoredValue()]
+    if len({len(array_of(prim, name, before)) for name in ("points", *(rate.GetName() for rate in rates))}) > 1:
+        return points, ["its velocities or accelerations do not fit its points and are ignored"]
+    return numbers(mesh.ComputePointsAtTime(time, time) or []).reshape(-1, 3), []
+
+
 @read_once
 def polygons_of(prim: Usd.Prim, time: float | None) -> Polygons:
     """The usable faces of a mesh at a time, and the flaws of the others."""
-    points = array_of(prim, "points", time).reshape(-1, 3) + 0.0
+    points, flaws = _points_at(prim, time)
+    points = points + 0.0
     counts, indices, holes = (array_of(prim, name, time).astype(int) for name in TOPOLOGY[:3])
-    flaws = []
     # Leave out faces whose corners are not written, and corners that no face counts.
     counts = np.maximum(counts, 0)
     if counts.sum() != len(indices):

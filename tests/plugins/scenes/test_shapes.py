@@ -638,6 +638,33 @@ def test_time_codes_of_what_is_written_out_are_those_of_the_stage_at_any_rate(co
     assert datasets[0].frames[0].world_from_occluder != datasets[0].frames[1].world_from_occluder or content == ARM
 
 
+SLIDE = """def Mesh "Slide"
+    {
+        int[] faceVertexCounts = [3]
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points.timeSamples = {
+            1: [(0, 0, 0), (1, 0, 0), (0, 1, 0)],
+            3: [(90, 0, 0), (91, 0, 0), (90, 1, 0)],
+        }
+        uniform token subdivisionScheme = "none"
+        vector3f[] velocities.timeSamples = {
+            1: [(72, 0, 0), (72, 0, 0), (72, 0, 0)],
+            3: [(0, 0, 0), (0, 0, 0), (0, 0, 0)],
+        }
+    }
+"""
+
+
+@pytest.mark.parametrize(("velocities", "x_mm"), [("(72, 0, 0), (72, 0, 0), (72", 3), ("(72, 0, 0), (72", 45)])
+def test_a_mesh_with_velocities_moves_by_them_between_its_samples(velocities: str, x_mm: float, tmp_path):
+    """As USD's documentation has it: 72 mm/s are 3 mm in a frame of 1 / 24 s. Those that do not fit its points are
+    named, and points are interpolated.
+    """
+    loaded = load(scene(tmp_path, SLIDE.replace("(72, 0, 0), (72, 0, 0), (72", velocities), 3))
+    assert [each.code for each in loaded.problems] == ["not-drawn"] * (x_mm == 45)
+    assert [entry.occluder.vertices_mm[0][0] for entry in loaded.dataset.occluders] == [0, x_mm, 90]
+
+
 def test_only_an_edited_frame_changes_and_a_still_shape_is_one_for_all(tmp_path):
     heights = ", ".join(f"{n}: [(0, 0, 0), (1, 0, 0), (0, {n}, 0)]" for n in (1, 2, 3))
     flag = mesh_text("Flag", [(0, 0, 0)] * 3, f"point3f[] points.timeSamples = {{{heights}}}")
