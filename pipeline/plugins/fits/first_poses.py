@@ -72,24 +72,13 @@ def _first_pose(
         pose, distance_px = _nearest_pose(camera, rays, points_mm, ids)
     except UsageError as error:
         raise observations.error_at(rows[0], f"{board}: {error.message}", error.hint) from None
-    if _rms(distance_px) > _ASTRAY * extent_px:
-        _, mirrored_px = _nearest_pose(camera, rays, points_mm * (-1.0, 1.0, 1.0), ids)
-        is_mirrored = _rms(mirrored_px) < _ASTRAY * extent_px
-        raise observations.error_at(rows[0], *(_mirrored(board) if is_mirrored else _astray(board, ids, distance_px)))
+    if np.sqrt(np.mean(distance_px**2)) > _ASTRAY * extent_px:
+        raise observations.error_at(rows[0], *_astray(board, ids, distance_px))
     normals = points.plane_axes[ids, :, 2] @ pose[:3, :3].T
     if (np.einsum("ni,ni->n", normals, -apply(pose, points_mm)) < 0).mean() > 0.5:
-        raise observations.error_at(rows[0], *_mirrored(board))
+        hint = "CONVENTIONS.md, Targets: ids run from the top left as the viewer sees it"
+        raise observations.error_at(rows[0], f"{board} would show its back: its ids run mirrored", hint)
     return pose
-
-
-def _rms(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def _mirrored(board: str) -> tuple[str, str]:
-    """Error and remedy of a board that would show its back."""
-    hint = "CONVENTIONS.md, Targets: ids run from the top left as the viewer sees it"
-    return f"{board} would show its back: its ids run mirrored", hint
 
 
 def _astray(board: str, ids: np.ndarray, distance_px: np.ndarray) -> tuple[str, str]:

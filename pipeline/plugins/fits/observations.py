@@ -323,7 +323,8 @@ def _vnl(path: Path, stated: Stated) -> Observations:
         image = cells[0]
         point = points_before[image]
         points_before[image] += 1
-        digits = re.findall(r"\d+", image)
+        folder_camera = _camera_of_folder(image)
+        digits = re.findall(r"\d+", image.replace(folder_camera, ""))
         if len(cells) < 3 or not digits:
             raise DamagedFile(path, "no file name with a number, x, y and level", line=number)
         if cells[1] == "-":
@@ -333,7 +334,7 @@ def _vnl(path: Path, stated: Stated) -> Observations:
         except ValueError:
             raise DamagedFile(path, f"no number in {line!r}", line=number) from None
         columns["line"].append(number)
-        columns["camera"].append(stated.camera or _camera_of_folder(image))
+        columns["camera"].append(stated.camera or folder_camera)
         columns["frame"].append(int(digits[-1]))
         columns["point_id"].append(point)
         position_px.append((x, y))
@@ -348,7 +349,7 @@ def _vnl(path: Path, stated: Stated) -> Observations:
 
 
 def _camera_of_folder(image: str) -> str:
-    """The camera whose name is that of the folder of an image, as in `images/Rig.Camera/0001.png`; else none."""
+    """The camera whose name is that of the folder of an image, as in `frames/0001/Rig.Camera/image.png`, else none."""
     folder = Path(image).parent.name
     return folder if "." in folder.strip(".") else ""
 

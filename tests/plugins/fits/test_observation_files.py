@@ -151,6 +151,12 @@ def test_what_export_opencv_writes_is_read_again(tmp_path, in_this_process, conv
     assert len(associated(found, open_dataset(DATA / "tiny_conventional/dataset.usda"))) == len(expected)
 
 
+def test_a_number_in_the_name_of_a_camera_is_no_frame(tmp_path):
+    """Paths as `pipeline export mrcal` has them, whose file names have no number."""
+    found = read(tmp_path, "a.vnl", VNL.replace("images/0001", "frames/0003/Left2.Camera/image"))
+    assert [*zip(found.camera.tolist(), found.frame.tolist(), strict=True)] == [("Left2.Camera", 3), ("", 2)]
+
+
 def test_lists_of_arrays_are_refused_with_what_to_write_instead(tmp_path):
     """As users of OpenCV keep what a detector found: one array per image, of different lengths."""
     lists = [np.zeros((4, 2)), np.zeros((3, 2))]
