@@ -189,6 +189,9 @@ def solve(
     for count in range(1, _STEPS + 1):
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
         linearisation = Linearisation(slopes, iterate.residual, assumptions)
+        if not linearisation.is_used.any():
+            ending = "the stage has none of these rows"
+            break
         chi2 = _loss(iterate.residual, linearisation.is_used, iterate.correction, assumptions)
         tell(f"step {count}: chi squared {chi2:.6g} of {2 * linearisation.is_used.sum()} coordinates")
         search.learn_curvature(linearisation, iterate, step)

@@ -121,3 +121,19 @@ def test_a_step_that_goes_astray_is_shortened():
     )
     solution = solve(Bent(), assumptions, none, rigid(np.eye(3), np.array([3.0, 0.0, 0.0]))[None])
     assert solution.converged and abs(solution.poses[0, 0, 3]) < 1e-3 and solution.steps <= 8
+
+
+class Unseen(Bent):
+    """The same board behind the camera."""
+
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        return np.full((4, 2), np.nan)
+
+
+def test_a_stage_that_has_none_of_the_rows_is_no_fit():
+    none, view = np.zeros(0), np.zeros(4, int)
+    assumptions = Assumptions(
+        sigma_px=np.ones(4), view=view, prior_deviation=none, reach=none, has_free_poses=True, loss_scale=None
+    )
+    solution = solve(Unseen(), assumptions, none, rigid(np.eye(3), np.array([3.0, 0.0, 0.0]))[None])
+    assert not solution.converged and solution.ending == "the stage has none of these rows"
