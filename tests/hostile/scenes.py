@@ -61,8 +61,8 @@ class Scene:
             del root.nameChildren["Array"]
         if "Tolerance" not in self.whole:
             del root.nameChildren["Tolerance"]
-        if "Lamp" not in self.whole:
-            del root.nameChildren["Lamp"]
+        for name in {"Lamp", "Crowd"}.difference(self.whole):
+            del root.nameChildren[name]
         is_painted = any(at.startswith("Paint") for at in self.whole)
         if not is_painted:
             del root.nameChildren["Paint"]
@@ -229,6 +229,7 @@ SCENES: dict[str, Scene] = {
     **{f"{kind} lamp": Scene(whole=("Lamp",), lamp=f"{kind}Light") for kind in ("Disk", "Sphere", "Cylinder")},
     "other sky": Scene(whole=("Lamp",), lamp="DomeLight_1"),
     "patches": Scene(plen("Board", ink__patch="cyan", paper__patch="white 9.5 (.05 D)")),
+    "instances": Scene({("", "plen:occluders"): [Sdf.Path("/Scene/Crowd")]}, whole=("Crowd",)),
     "photons": Scene(_PHOTONS, responds=True),
     "radiance": Scene(_RADIANCE | _TABLES, responds=True),
     "films": Scene(_RADIANCE | _FILMS, responds=True),

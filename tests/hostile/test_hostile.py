@@ -33,13 +33,13 @@ def test_every_scene_is_right_before_a_hostile_value_is_put_into_it(tmp_path):
 
 
 def test_every_attribute_and_relationship_is_tried_with_hostile_values():
-    """All of our schemas, all of USD's cameras, meshes, lamps and shaders, all that moves a prim or is said of a whole
-    stage; and every export and picture.
+    """All of our schemas, all of USD's cameras, meshes, instancers, lamps and shaders, all that moves a prim or is said
+    of a whole stage; and every export and picture.
     """
     layer = Sdf.Layer.FindOrOpen(str(shipped_folder("schemas") / "plenScene/resources/plenScene/schema.usda"))
     wanted = {prop.name for prim in layer.rootPrims for prop in prim.properties}
     registry = Usd.SchemaRegistry()
-    for name in ("Camera", "Mesh", "Material", "Shader", *LAMPS):
+    for name in ("Camera", "Mesh", "PointInstancer", "Material", "Shader", *LAMPS):
         definition = registry.FindConcretePrimDefinition(name)
         wanted |= {one for one in definition.GetPropertyNames() if type_of(definition, one) not in WITHOUT_VALUES}
     for name in SHADERS:

@@ -222,7 +222,7 @@ def _ends(doc: str, scalar: str) -> list[float]:
 
 def _item(scalar: str, number: Any) -> Any:
     """A value whose every number is the one given."""
-    if scalar in ("token", "string", "bool", "int", "double", "float", "half"):
+    if scalar in ("token", "string", "bool", "int", "int64", "double", "float", "half"):
         return number
     if scalar == "asset":
         return Sdf.AssetPath(number)
