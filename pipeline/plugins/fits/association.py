@@ -190,4 +190,7 @@ def _require_numbering(rig: Rig, observations: Observations, centres: np.ndarray
         )
     if message:
         hint = "CONVENTIONS.md, Microlens lattice: (0, 0) is in the middle, k and l are axial indices; correct the file"
+        if observations.microlens is None:
+            hint = "the file does not number its centres, so each is that of the nearest micro-image of the stage: mend"
+            hint += " the array to half a micro-image all over the image. pipeline show prints their pitch"
         raise observations.error_at(centres[worst], message, hint)

@@ -34,6 +34,8 @@ _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
 """Part of the rows that a step has to keep [1]: a camera that loses its image fits what is left of it."""
+_LEAST_FRACTION = 1 / 16
+"""Fraction of a step down to which it is halved where there is no camera at its end [1]: then it is damped."""
 _SKIPPED = 1e-8
 """Cosine of a step and of what an update adds to its gradient below which there is none [1], as is usual."""
 _OPEN_SHARE = 1e-3
@@ -63,7 +65,8 @@ class Solution:
     row, (k, m), priors aside, and their components over what each number alone would change, (k, m), of unit length;
     `are_held`: by priors, all of them. `weakest`: components of the direction that rows and priors tell least, (m,).
     `information_share`: part of what is known of each number that the rows said, (m,). `ending`: why it ended;
-    `converged`: well. `linearisation`: of the rows near by.
+    `refusal`: of a fit that did not converge, why there is no camera where the last step led at first; `converged`:
+    whether it ended well. `linearisation`: of the rows near by.
     """
 
     correction: np.ndarray
@@ -80,6 +83,7 @@ class Solution:
     information_share: np.ndarray
     steps: int
     ending: str
+    refusal: str | None
     converged: bool
     linearisation: Linearisation
 
@@ -97,12 +101,15 @@ class _Iterate:
 class _Step:
     """A step of numbers and poses to a trial point, and the loss of the rows at both ends, of those that both have.
 
-    `rows`: number of these rows; `is_accepted`: enough are left, and their loss is no larger.
+    `fraction`: of the numbers' whole step. `rows`: number of these rows; `is_accepted`: enough are left, and their loss
+    is no larger. `refusal`: why there is no camera at the trial point.
     """
 
     trial: _Iterate
     number_step: np.ndarray
     pose_steps: np.ndarray
+    fraction: float
+    refusal: str | None
     rows: int
     loss_before: float
     loss_after: float
@@ -110,10 +117,14 @@ class _Step:
 
 
 class _StepSearch:
-    """Steps of a problem, with the damping and the curvature of rows that one step leaves to the next."""
+    """Steps of a problem, with the damping and the curvature of rows that one step leaves to the next.
+
+    `refusal`: why a trial point of the last step has no camera, if one has none.
+    """
 
     def __init__(self, problem: Problem, assumptions: Assumptions, number_count: int) -> None:
         self.damping = 0.0
+        self.refusal: str | None = None
         self._problem, self._assumptions = problem, assumptions
         self._curvature = np.zeros((number_count, number_count))
         self._gradient = np.zeros(number_count)
@@ -132,11 +143,15 @@ class _StepSearch:
 
     def step(self, linearisation: Linearisation, iterate: _Iterate) -> _Step | None:
         """The first step that is accepted, of ever more damped ones; None: none of them is."""
-        damps_poses = False
+        damps_poses, fraction, self.refusal = False, 1.0, None
         for _ in range(_TRIALS):
-            step = self._trial_step(linearisation, iterate, damps_poses)
+            step = self._trial_step(linearisation, iterate, damps_poses, fraction)
             if step.is_accepted:
                 return step
+            self.refusal = step.refusal or self.refusal
+            if step.refusal and fraction > _LEAST_FRACTION:
+                fraction /= 2  # the direction is as good as rows are straight, and only its end is out of reach
+                continue
             if self.damping and not damps_poses:
                 damps_poses = True
                 continue
@@ -150,15 +165,16 @@ class _StepSearch:
         """Damp the next step less, and not at all after one that was hardly damped."""
         self.damping = _LESS * self.damping if self.damping > _FIRST_DAMPING else 0.0
 
-    def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool) -> _Step:
-        """The step with the present damping, and what becomes of the loss by it."""
-        number_step = linearisation.step(iterate.correction, self.damping, self._curvature)
+    def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool, fraction: float) -> _Step:
+        """The step with the present damping, or a fraction of it, and what becomes of the loss by it."""
+        number_step = fraction * linearisation.step(iterate.correction, self.damping, self._curvature)
         pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
         correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
+        refusal = None
         try:
             residual = self._problem.residual(correction, poses, iterate.residual)
-        except PipelineError:  # there is no such camera
-            residual = np.full_like(iterate.residual, np.nan)
+        except PipelineError as error:  # there is no such camera
+            residual, refusal = np.full_like(iterate.residual, np.nan), error.message
         # Rows come and go: only those of both ends are compared, or a step that loses rows would look good.
         is_common = linearisation.is_used & np.isfinite(residual[:, 0])
         before = _loss(iterate.residual, is_common, iterate.correction, self._assumptions)
@@ -168,6 +184,8 @@ class _StepSearch:
             trial=_Iterate(correction, poses, residual),
             number_step=number_step,
             pose_steps=pose_steps,
+            fraction=fraction,
+            refusal=refusal,
             rows=int(is_common.sum()),
             loss_before=before,
             loss_after=after,
@@ -199,7 +217,7 @@ def solve(
         if step is None:
             ending = "no step made the misfit smaller"
             break
-        is_settled = search.damping == 0 and _is_settled(linearisation, step)
+        is_settled = search.damping == 0 and step.fraction == 1 and _is_settled(linearisation, step)
         gain = step.loss_before - step.loss_after
         creeps = search.damping > 0 and gain < _CREEP * linearisation.decrement(iterate.correction)
         iterate = step.trial
@@ -212,7 +230,8 @@ def solve(
         search.relax()
     if not converged:
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
-    return _solution(Linearisation(slopes, iterate.residual, assumptions), iterate, count, ending, converged)
+    last = Linearisation(slopes, iterate.residual, assumptions)
+    return _solution(last, iterate, count, ending, None if converged else search.refusal, converged)
 
 
 def _is_settled(linearisation: Linearisation, step: _Step) -> bool:
@@ -240,7 +259,9 @@ def _loss(residual: np.ndarray, rows: np.ndarray, correction: np.ndarray, assump
     return float(size2.sum() + ((correction / assumptions.prior_deviation) ** 2).sum())
 
 
-def _solution(linearisation: Linearisation, iterate: _Iterate, steps: int, ending: str, converged: bool) -> Solution:
+def _solution(
+    linearisation: Linearisation, iterate: _Iterate, steps: int, ending: str, refusal: str | None, converged: bool
+) -> Solution:
     """Facts about numbers at the solution."""
     assumptions, coordinates = linearisation.assumptions, 2 * len(iterate.residual)
     by_all, by_rows = linearisation.numbers(), linearisation.numbers(has_priors=False)
@@ -267,6 +288,7 @@ def _solution(linearisation: Linearisation, iterate: _Iterate, steps: int, endin
         information_share=np.where(np.isfinite(assumptions.prior_deviation), share, np.where(is_open, 0.0, 1.0)),
         steps=steps,
         ending=ending,
+        refusal=refusal,
         converged=converged,
         linearisation=linearisation,
     )

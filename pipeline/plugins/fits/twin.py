@@ -113,7 +113,14 @@ class Twin:
 
     @cached_property
     def ending(self) -> str:
-        """Sentence about why the fit ended; of one whose steps crept with the numbers that rows hardly tell."""
+        """Sentence about why the fit ended; of one whose steps crept with the numbers that rows hardly tell, and of one
+        whose steps led out of reach with the reason why there is no camera.
+        """
+        reach = f"; steps led to a camera that cannot be: {self.solution.refusal}" if self.solution.refusal else ""
+        return self._ending + reach
+
+    @property
+    def _ending(self) -> str:
         if self.solution.ending != CREPT:
             return self.solution.ending
         component = np.abs(self.solution.weakest)

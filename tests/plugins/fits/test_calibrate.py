@@ -244,6 +244,7 @@ def test_a_white_image_alone_tells_where_the_array_is(tmp_path):
         (lambda found: replace(found, microlens=np.add(found.microlens, (900, 0))), "has no microlens"),
         (lambda found: replace(found, x_px=found.x_px[[1, 0, *range(2, len(found))]]), "px from where others put it"),
         (lambda found: replace(found, microlens=0 * found.microlens), "is there twice"),
+        (lambda found: replace(found, microlens=None, x_px=24 + 0.75 * (found.x_px - 24)), "show prints their pitch"),
         (lambda found: replace(found, camera=np.full(len(found), "Rig.Right")), "has no camera"),
     ],
 )
@@ -315,6 +316,7 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     untold = fitted(FreeStage(narrow.path, []), off, tmp_path)
     astray = fitted(stage, off, tmp_path)  # a radius that a narrow field does not tell
     assert "did not converge: rows hardly tell /Scene/Rig/Lens/S4.plen:radius: hold" in astray.doubts[0]
+    assert "steps led to a camera that cannot be: semi-diameter 23.0 mm reaches beyond a sphere" in astray.doubts[0]
     assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.notes)
 
 

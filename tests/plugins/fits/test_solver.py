@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from pipeline.errors import PipelineError
 from pipeline.frames import rigid
 from pipeline.plugins.fits.linear_rows import Assumptions
 from pipeline.plugins.fits.predicted_rows import Slopes, moved
@@ -137,3 +139,34 @@ def test_a_stage_that_has_none_of_the_rows_is_no_fit():
     )
     solution = solve(Unseen(), assumptions, none, rigid(np.eye(3), np.array([3.0, 0.0, 0.0]))[None])
     assert not solution.converged and solution.ending == "the stage has none of these rows"
+
+
+@dataclass(frozen=True)
+class Walled:
+    """Four rows exp(x) - e, of which the first step from -1 leads to 5.4; there is no camera beyond a wall."""
+
+    wall: float
+
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        if correction[0] > self.wall:
+            raise PipelineError(f"x is above {self.wall}")
+        return np.tile([np.exp(correction[0]) - np.e, 0.0], (4, 1))
+
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
+        by_number = np.zeros((4, 2, 1))
+        by_number[:, 0, 0] = np.exp(correction[0])
+        return Slopes(by_number=by_number, by_pose=np.zeros((4, 2, 6)), arm_mm=np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize(("wall", "converged"), [(1.5, True), (0.5, False)])
+def test_a_step_to_a_camera_that_cannot_be_is_halved_and_a_fit_that_ends_there_says_why(wall, converged):
+    infinite, view = np.full(1, np.inf), np.zeros(4, int)
+    assumptions = Assumptions(
+        sigma_px=np.ones(4), view=view, prior_deviation=infinite, reach=infinite, has_free_poses=False, loss_scale=None
+    )
+    solution = solve(Walled(wall), assumptions, np.array([-1.0]), np.eye(4)[None])
+    assert solution.converged == converged
+    if converged:
+        assert abs(solution.correction[0] - 1.0) < 1e-3 and solution.steps <= 7 and solution.refusal is None
+    else:
+        assert solution.refusal == "x is above 0.5"
