@@ -45,6 +45,7 @@ class _Judge:
     """Information about a camera by each candidate, and the points by whose projections sets of them are rated."""
 
     def __init__(self, field: CameraField, number: int, poses: Sequence[BoardPose]) -> None:
+        """The camera is the one of this number among those of the poses."""
         camera = ready(replace(field.camera, microlenses=None))
         rays = field_rays(camera)
         fit = fitted(rays, "fisheye" if field.is_wide else "brown")

@@ -103,7 +103,8 @@ def _solved(
         if solution is not None and not is_changed.any():
             return solution
         solution = solve(_StageRows(stage, predictor, offset_px), assumptions, correction, poses, tell)
-        correction, poses, last_px = solution.correction, solution.poses, offset_px
+        correction, poses = solution.correction, solution.poses
+        last_px = offset_px
     assert solution is not None
     ending = "the positions that the detector looks for did not settle"
     return replace(solution, converged=False, ending=ending)

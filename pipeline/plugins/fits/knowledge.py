@@ -66,8 +66,8 @@ def knowledge_of(output: Output, camera: BuiltCamera, ready: ReadyCamera, model:
         centre = np.array([0.0, 0.0, centre_z_mm])
         start = splined.nearest(field.points(field.between_mm[2]) - centre, field.x_px)
     elif model == THIN_LENS:
-        parameters = PARAMETERS
-        start, project, centre = thin_plenoptic(ready).parameters, partial(on_sensor_px, ready), np.zeros(3)
+        parameters, start = PARAMETERS, thin_plenoptic(ready).parameters
+        project, centre = partial(on_sensor_px, ready), np.zeros(3)
     else:
         pinhole = fitted(field, model)
         centre, start = np.split(pinhole.parameters, [len(CENTRE)])

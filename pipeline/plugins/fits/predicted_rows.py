@@ -157,9 +157,10 @@ class Predictor:
             variations, of_number = self._pose_variations(dataset, entry, points, poses), list[int]()
             for number, (ends, step) in enumerate(zip(neighbours, steps, strict=True)):
                 less, more = (self._neighbour(end, entry, points, poses, rig) for end in ends)
-                if all(
+                is_same = (
                     end.tracer is rig.tracer and np.array_equal(end.planes.of_points, planes) for end in (less, more)
-                ):
+                )
+                if all(is_same):
                     continue  # the number is none of this camera's
                 variations.append(Variation(step, less, more))
                 of_number.append(number)

@@ -42,15 +42,16 @@ def page(fit: Json) -> Iterator[str]:
         if number["prior"] is None and number["reach"] is not None:
             prior = f"±{number['reach']:.3g}"
         bound = "  at its bound" if number["at_bound"] else ""
-        name = number["name"] if len(number["name"]) <= 44 else f"…{number['name'][-43:]}"
         values = f"{number['before']:13.8g} {number['after']:13.8g}"
-        yield f"{name:44} {values} {deviation:>10} {prior:>10} {number['information_share']:6.1%}{bound}"
+        yield f"{_short(number['name'])} {values} {deviation:>10} {prior:>10} {number['information_share']:6.1%}{bound}"
     for name in fit["fixed"]:
         yield f"{name}: fixed, its tolerance has no width"
     units = {number["name"]: number["unit"] for number in fit["numbers"]}
     for direction in fit["open"]:
         held = "held by tolerances" if fit["open_are_held"] else "not moved"
-        yield f"open: no row changes with {_open_steps(direction, units)}; {held}"
+        steps = [*_open_steps(direction, units)]
+        yield f"open: no row changes with {'these steps together' if len(steps) > 1 else 'this step'}; {held}"
+        yield from steps
     yield ""
     yield "chi squared over what noise leaves"
     for kind, groups in fit["chi2"].items():
@@ -62,14 +63,22 @@ def page(fit: Json) -> Iterator[str]:
     yield from (f"  DOUBT: {doubt}" for doubt in fit["doubts"])
 
 
-def _open_steps(direction: Json, units: dict[str, str]) -> str:
-    """Steps of numbers that together change no row, in their units, the one that rows would show best first."""
+def _open_steps(direction: Json, units: dict[str, str]) -> Iterator[str]:
+    """Lines about steps of numbers that together change no row, in their units, the one that rows would show best
+    first; a number that hardly moves has none.
+    """
     size = {name: abs(part["component"]) for name, part in direction.items()}
     least = _LEAST_COMPONENT * max(size.values())
     named = sorted((name for name in size if size[name] > least), key=lambda name: -size[name])
     sign = 1 if direction[named[0]]["step"] > 0 else -1
-    steps = [f"{name} {sign * direction[name]['step']:+.3g} {units[name]}".rstrip() for name in named]
-    return " and ".join(steps)
+    for name in named:
+        unit = units[name].removesuffix("none")
+        yield f"  {_short(name)} {sign * direction[name]['step']:+13.3g} {unit}".rstrip()
+
+
+def _short(name: str) -> str:
+    """The end of a name, in a column."""
+    return f"{name if len(name) <= 44 else f'…{name[-43:]}':44}"
 
 
 def residual_maps(fit: Json, only: str | None = None) -> str:

@@ -25,8 +25,9 @@ from pipeline.errors import Exit, UsageError
 verbs = new_family()
 
 
-def _print_models(wanted: bool) -> None:
-    if not wanted:
+def _print_models(is_requested: bool) -> None:
+    """Print the models that can be fitted, and end the command."""
+    if not is_requested:
         return
     from pipeline.fits.fitting import MODELS
     from pipeline.plugins.fits.result import ALL, THIN_LENS

@@ -343,13 +343,13 @@ def test_what_rows_leave_open_is_named_in_its_units_and_not_moved(tmp_path, wide
     np.testing.assert_allclose(twin.solution.correction[1:], [0.5, 0.2], atol=1e-6)
     (component,) = twin.solution.open_components
     assert abs(component[0]) > 1 - 1e-6
-    (line,) = [line for line in page(document(twin)) if line.startswith("open: ")]
-    assert re.fullmatch(r"open: no row changes with /Scene/Board\.plen:squareSize \+\S+ mm; not moved", line)
+    lines = "\n".join(page(document(twin)))
+    assert re.search(r"\nopen: .*; not moved\n  /Scene/Board\.plen:squareSize +\+\S+ mm\n\n", lines)
 
     stage = FreeStage(wide.path, ["Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch"])
     twin = fitted(stage, seen(stage, np.zeros(2), 0.05), tmp_path, known_poses=True)
-    (line,) = [line for line in page(document(twin)) if line.startswith("open: ")]
-    pitch_mm, distance_mm = (10 * float(step) for step in re.findall(r"([+-]\S+) mm", line))
+    lines = "\n".join(page(document(twin)))
+    pitch_mm, distance_mm = (10 * float(step) for step in re.findall(r"([+-]\S+) mm\n", lines))
     before_px, pitch_px, together_px = (
         pinhole(stage.at(np.array(steps)).cameras[0].camera).distorted.principal_distance_px
         for steps in ([0.0, 0.0], [0.0, pitch_mm], [distance_mm, pitch_mm])
