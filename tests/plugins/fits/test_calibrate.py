@@ -120,11 +120,11 @@ def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, ex
 
 
 def test_a_tolerance_without_width_is_a_fixed_number_to_the_byte(tmp_path, narrow, exact):
-    layers = []
+    layers, first = [], only(exact, exact.frame == 1)
     for name, free in (("one", ["Made"]), ("two", ["Made", "Rig/Lens/S5.plen:radius"])):
         (tmp_path / name).mkdir()
         stage = FreeStage(narrow.path, free)
-        layers.append(fitted(stage, exact, tmp_path / name).write(tmp_path / name / "fitted.usda")[0].read_bytes())
+        layers.append(fitted(stage, first, tmp_path / name).write(tmp_path / name / "fitted.usda")[0].read_bytes())
     assert layers[0].replace(b"/one/", b"/two/") == layers[1]
     assert stage.fixed == ["/Scene/Rig/Lens/S5.plen:radius"] and b"S5" not in layers[1]
 
@@ -313,8 +313,9 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     told = fitted(stage, off, tmp_path, known_poses=True)
     assert any("is the pixel origin right?" in doubt for doubt in told.doubts)
     np.testing.assert_allclose(told.mistakes[0][:2], -0.5, atol=0.02)
-    untold = fitted(FreeStage(narrow.path, []), off, tmp_path)
-    astray = fitted(stage, off, tmp_path)  # a radius that a narrow field does not tell
+    two = only(off, off.frame < 3)
+    untold = fitted(FreeStage(narrow.path, []), two, tmp_path)
+    astray = fitted(stage, two, tmp_path)  # a radius that a narrow field does not tell
     assert "did not converge: rows hardly tell /Scene/Rig/Lens/S4.plen:radius: hold" in astray.doubts[0]
     assert "steps led to a camera that cannot be: semi-diameter 23.0 mm reaches beyond a sphere" in astray.doubts[0]
     assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.notes)
