@@ -113,11 +113,12 @@ class Twin:
 
     @cached_property
     def ending(self) -> str:
-        """Sentence about why the fit ended; of one whose steps crept with the numbers that rows hardly tell, and of one
-        whose steps led out of reach with the reason why there is no camera.
+        """Sentence about why the fit ended; of one whose steps led out of reach with the reason why there is no camera,
+        and of one whose steps crept with the numbers that rows hardly tell.
         """
-        reach = f"; steps led to a camera that cannot be: {self.solution.refusal}" if self.solution.refusal else ""
-        return self._ending + reach
+        if self.solution.refusal:
+            return f"steps led to a camera that cannot be: {self.solution.refusal}; {self._ending}"
+        return self._ending
 
     @property
     def _ending(self) -> str:

@@ -26,9 +26,9 @@ _RED, _DARK = "#c0392b", "#333333"
 def page(fit: Json) -> Iterator[str]:
     """Lines about the document of a fit."""
     rows = fit["rows"]
-    cameras = len(set(rows["camera"]))
-    of_views = f"{cameras} camera{'s' * (cameras > 1)} in {fit['views']} views"
-    yield f"{len(rows['camera'])} positions ({fit['position']}) of {of_views}"
+    cameras, views = len(set(rows["camera"])), fit["views"]
+    of_views = f" in {views} view{'s' * (views > 1)}" if views else ""  # white images alone show no board
+    yield f"{len(rows['camera'])} positions ({fit['position']}) of {cameras} camera{'s' * (cameras > 1)}{of_views}"
     state = "converged" if fit["converged"] else "NOT CONVERGED"
     yield f"{state} after {fit['steps']} step{'s' * (fit['steps'] > 1)}: {fit['ending']}"
     chi2, expected = sum(rows["chi2"]), sum(rows["expected"])
@@ -67,7 +67,7 @@ def _open_steps(direction: Json, units: dict[str, str]) -> Iterator[str]:
     """Lines about steps of numbers that together change no row, in their units, the one that rows would show best
     first; a number that hardly moves has none.
     """
-    size = {name: abs(part["component"]) for name, part in direction.items()}
+    size = {name: round(abs(part["component"]), 6) for name, part in direction.items()}  # equal ones keep their order
     least = _LEAST_COMPONENT * max(size.values())
     named = sorted((name for name in size if size[name] > least), key=lambda name: -size[name])
     sign = 1 if direction[named[0]]["step"] > 0 else -1

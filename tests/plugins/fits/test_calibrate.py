@@ -316,8 +316,8 @@ def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not
     two = only(off, off.frame < 3)
     untold = fitted(FreeStage(narrow.path, []), two, tmp_path)
     astray = fitted(stage, two, tmp_path)  # a radius that a narrow field does not tell
-    assert "did not converge: rows hardly tell /Scene/Rig/Lens/S4.plen:radius: hold" in astray.doubts[0]
-    assert "steps led to a camera that cannot be: semi-diameter 23.0 mm reaches beyond a sphere" in astray.doubts[0]
+    assert "did not converge: steps led to a camera that cannot be: semi-diameter 23.0 mm reaches" in astray.doubts[0]
+    assert "; rows hardly tell /Scene/Rig/Lens/S4.plen:radius: hold" in astray.doubts[0]
     assert untold.doubts == [] and any("do not tell the pixel origin" in note for note in untold.notes)
 
 
@@ -350,7 +350,7 @@ def test_what_rows_leave_open_is_named_in_its_units_and_not_moved(tmp_path, wide
     stage = FreeStage(wide.path, ["Rig/Camera.plen:camera:sensorDistance", "Rig/Sensor.plen:pixelPitch"])
     twin = fitted(stage, seen(stage, np.zeros(2), 0.05), tmp_path, known_poses=True)
     lines = "\n".join(page(document(twin)))
-    pitch_mm, distance_mm = (10 * float(step) for step in re.findall(r"([+-]\S+) mm\n", lines))
+    distance_mm, pitch_mm = (10 * float(step) for step in re.findall(r"([+-]\S+) mm\n", lines))
     before_px, pitch_px, together_px = (
         pinhole(stage.at(np.array(steps)).cameras[0].camera).distorted.principal_distance_px
         for steps in ([0.0, 0.0], [0.0, pitch_mm], [distance_mm, pitch_mm])
