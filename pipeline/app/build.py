@@ -294,15 +294,16 @@ def _compiled_by_helpers(steps: tuple[str, ...]) -> bool:
     """Whether two helper processes have compiled the kernels of steps; if not, this process compiles, and meets the
     fault itself.
 
-    Both take numbers of parts from one pipe, so that they end together on any machine.
+    Both take numbers of parts from one pipe, so that they end together on any machine; and it is open as long as this
+    process lives, so that they end with it.
     """
     environment = {**os.environ, **settings()}
     helper = command("pipeline.app.compile_kernels:compile_apart", *steps)
     with contextlib.suppress(OSError), contextlib.ExitStack() as cleanup:
         numbers, writing = os.pipe()
         cleanup.callback(os.close, numbers)
+        cleanup.callback(os.close, writing)
         os.write(writing, _PART_NUMBERS)
-        os.close(writing)
         processes = []
         for _ in range(2):
             process = subprocess.Popen(

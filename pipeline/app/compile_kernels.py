@@ -22,6 +22,7 @@ from pipeline.camera.tracer import Tracer, parallel_planes
 from pipeline.camera.tracing.records import CameraArrays
 from pipeline.camera.tracing.sampling_bounds import NO_MICROLENS
 from pipeline.entry_points import offered, plugged_in
+from pipeline.machine.process import end_with_parent
 from pipeline.optics.prescription import Prescription, Surface
 from pipeline.render.glow import TargetLight
 from pipeline.render.imaging import irradiance_and_crosstalk, pictures
@@ -60,6 +61,7 @@ def compile_apart() -> NoReturn:
 
     The process ends at once: to free one by one what the compiler has left takes seconds.
     """
+    end_with_parent()
     sys.excepthook = lambda *error: None  # the process that started this one meets it, too: see `_compiled_by_helpers`
     compile_kernels(sys.argv[1:], (byte[0] for byte in iter(lambda: os.read(0, 1), b"")))
     os._exit(0)

@@ -22,7 +22,7 @@ class Interrupts:
 
     def __init__(self, notice: Callable[[str], None] = lambda text: None) -> None:
         self.arrived = self.is_patient = False
-        self._may_stop = False
+        self._may_stop = self._has_stopped = False
         self._notice = notice
         self._restore = contextlib.ExitStack()
 
@@ -47,6 +47,9 @@ class Interrupts:
         except KeyboardInterrupt:
             if not self.arrived:  # not by us
                 raise
+        except Exception:
+            if not self._has_stopped:  # else it is what a library, such as Numba, makes of our KeyboardInterrupt
+                raise
         finally:
             self._may_stop = False
 
@@ -59,4 +62,5 @@ class Interrupts:
         if self.is_patient:
             self._notice("interrupted: running tasks may end; press Ctrl-C again to stop them")
         elif self._may_stop:
+            self._has_stopped = True
             raise KeyboardInterrupt

@@ -17,9 +17,7 @@ from pipeline.errors import EnvironmentFault
 from pipeline.jit.binding import DeviceNames, TypedMath, bound_anew, exact_fma
 from pipeline.jit.decorators import _numba
 
-_HOW = (
-    "pip install 'plenoptic-pipeline[cuda]', on a machine with an NVIDIA device and its driver; or leave --device out"
-)
+_HOW = "pip install 'plenoptic-pipeline[cuda]', beside an NVIDIA device and its driver; or leave --device out"
 _FAULTS = "CudaAPIError", "CudaSupportError", "CudaDriverError"
 cuda: Any = DeviceNames()
 """For device kernels: the names of CUDA."""

@@ -4,7 +4,9 @@ import contextlib
 import io
 import os
 import resource
+import select
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 
@@ -40,6 +42,18 @@ class Stderr(io.TextIOWrapper):
             super().flush()
         except OSError:
             return
+
+
+def end_with_parent() -> None:
+    """End this process, whatever it does, when no other one has the far end of its standard input open any more."""
+
+    def wait() -> None:
+        far_end = select.poll()
+        far_end.register(0, 0)  # that it is closed is told unasked
+        far_end.poll()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 @contextlib.contextmanager

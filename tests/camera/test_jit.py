@@ -5,6 +5,7 @@ While one runs, other threads go on, such as a worker's heartbeat; times of load
 import copy
 import errno
 import io
+import itertools
 import os
 import shutil
 import subprocess
@@ -241,18 +242,35 @@ def test_a_log_has_one_plain_line_of_a_wait_and_a_narrow_terminal_bar_and_time(c
     assert "━━━━━" in text and "83 s left" in text and "0:00:0" in text and len(text) <= 40
 
 
+def test_a_helper_ends_with_the_process_that_started_it(tmp_path):
+    """As after SIGTERM, which ends that one at once: nobody waits for the kernels any more."""
+    numbers, writing = os.pipe()
+    os.write(writing, bytes(1))
+    helper = subprocess.Popen(
+        command("pipeline.app.compile_kernels:compile_apart", "lens"),
+        env=os.environ | {"PIPELINE_JIT_CACHE": str(tmp_path)},
+        stdin=numbers,
+    )
+    os.close(numbers)
+    while not [*tmp_path.glob("*/*")]:
+        time.sleep(0.05)
+    os.close(writing)
+    assert helper.wait(timeout=20.0) == 1
+
+
 def test_two_processes_compile_each_kernel_once_and_a_cut_one_is_named(folder):
     """What one compiles, the other one waits for: Numba keeps a file per types, numbered from 1."""
     settings = {**os.environ, "NUMBA_DEBUG_CACHE": "1", "PYTHONUNBUFFERED": "1"}
     asked = command("pipeline.app.compile_kernels:compile_apart", "search")
+    pipes = [os.pipe() for _ in "ab"]
     both = [
-        subprocess.Popen(asked, env=settings, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) for _ in "ab"
+        subprocess.Popen(asked, env=settings, stdin=numbers, stdout=subprocess.PIPE, text=True) for numbers, _ in pipes
     ]
-    for process in both:
-        process.stdin.write("\0\1\2")
-        process.stdin.close()
-        process.stdin = None
+    for _, writing in pipes:
+        os.write(writing, bytes([0, 1, 2, 99]))
     lines = [line for process in both for line in process.communicate()[0].splitlines()]
+    for end in itertools.chain(*pipes):
+        os.close(end)
     saved = [line for line in lines if line.startswith("[cache] data saved to")]
     assert [process.returncode for process in both] == [0, 0] and len(saved) == len(set(saved)) >= 3
     assert len(saved) == len([*folder.rglob("*.nbc")]) and files.count(folder) == len([*folder.rglob("*.nbi")])

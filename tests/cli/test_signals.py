@@ -1,6 +1,7 @@
 """Ctrl-C, SIGTERM and SIGHUP end the command in bounded time and without a traceback."""
 
 import json
+import os
 import re
 import signal
 import subprocess
@@ -11,6 +12,8 @@ from pathlib import Path
 import pytest
 from cli.slow_tasks import slow, started
 from faults.signals import BOUND_S, ended, held_by_another
+
+from pipeline.engine.interrupts import Interrupts
 
 
 @pytest.mark.parametrize("numbers", [(signal.SIGTERM,), (signal.SIGHUP,), (signal.SIGINT, signal.SIGINT)])
@@ -81,3 +84,20 @@ def test_ctrl_c_stops_run_task_which_tidies_up(command, pipeline, stage, tmp_pat
     code, log, seconds = ended(process, signal.SIGINT)
     assert code == 130 and seconds < BOUND_S and log == "interrupted\n"
     assert not list((cache / "tmp").iterdir())
+
+
+def test_what_a_library_makes_of_ctrl_c_is_ctrl_c_and_other_errors_stay():
+    """Numba's compiler, interrupted in a call back from LLVM, misses what this should have made."""
+
+    def compile_until(stop):
+        try:
+            stop()
+        except KeyboardInterrupt:
+            raise RuntimeError("no compiled object yet") from None
+        raise RuntimeError("another fault")
+
+    with Interrupts() as interrupts, interrupts.stopping():
+        compile_until(lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert interrupts.arrived
+    with pytest.raises(RuntimeError, match="another"), Interrupts() as interrupts, interrupts.stopping():
+        compile_until(lambda: None)
