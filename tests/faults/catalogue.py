@@ -187,7 +187,7 @@ def full_disks(bench: Workbench) -> Row:
         return row
     mount = bench.new_place() / "mount"
     mount.mkdir()
-    sizes = range(4, 900, 8) if bench.whole else (40, 200)
+    sizes = range(4, 1800, 16) if bench.whole else (40, 200)
     command = ["unshare", "-m", sys.executable, "-c", _FULL_DISK, str(mount), ",".join(map(str, sizes))]
     done = subprocess.run([*command, ":".join(sys.path)], capture_output=True, text=True, check=False)
     if done.returncode:
