@@ -253,7 +253,7 @@ def test_a_twin_that_is_the_camera_answers_with_its_rays_and_boards(monkeypatch)
     deviation = np.array([number.deviation for number in stage.numbers])
     poses = np.array([frame.world_from_target["Board"] for frame in dataset.frames])
     solution = SimpleNamespace(
-        by=np.zeros(len(deviation)),
+        correction=np.zeros(len(deviation)),
         covariance=np.diag(deviation**2),
         deviation=deviation,
         poses=poses,
