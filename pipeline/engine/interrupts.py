@@ -42,7 +42,7 @@ class Interrupts:
     def stopping(self) -> Iterator[None]:
         """Context that Ctrl-C ends at once unless tasks are running. Outside it Ctrl-C is only noted."""
         try:
-            self._may_stop = True
+            self._may_stop, self._has_stopped = True, False
             yield
         except KeyboardInterrupt:
             if not self.arrived:  # not by us

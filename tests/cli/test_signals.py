@@ -98,6 +98,8 @@ def test_what_a_library_makes_of_ctrl_c_is_ctrl_c_and_other_errors_stay():
 
     with Interrupts() as interrupts, interrupts.stopping():
         compile_until(lambda: os.kill(os.getpid(), signal.SIGINT))
+    with pytest.raises(OSError, match="full"), interrupts.stopping():  # of the delivery that follows
+        raise OSError("full")
     assert interrupts.arrived
     with pytest.raises(RuntimeError, match="another"), Interrupts() as interrupts, interrupts.stopping():
         compile_until(lambda: None)
