@@ -8,7 +8,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
@@ -20,23 +20,27 @@ from pipeline.errors import UsageError
 from pipeline.files.damaged import DamagedFile
 from pipeline.files.tables import Table, read_table
 
-POSITIONS = ("exact", "saddle", "centroid", "chief")
-"""Image positions that detectors may find: that of the mean of rays, the saddle of a corner's image, the centroid of a
-dot's, and that of the chief ray."""
-CENTRES = ("centroid", "chief", "none")
-"""Positions that programs call the centre of a micro-image: the centroid of its light, and the chief ray through its
-microlens. With `none`, those of a file are left out."""
-_NO_POINT = -1
-"""Frame, and number of the point, of the centre of a micro-image."""
 ORIGINS = {"0": 0.0, "0.5": 0.5, "1": 1.0}
 """Name -> number of the centre of the top-left pixel [px]."""
-_STATED = re.compile(r"\s*(pixel_origin|position|centres)\s*[:=]\s*(\S+)")
+_WORDS = {
+    "pixel_origin": tuple(ORIGINS),
+    "position": ("exact", "saddle", "centroid", "chief"),
+    "centres": ("centroid", "chief", "none"),
+}
+"""What is said of positions, and the words for it. Positions that detectors may find are that of the mean of rays, the
+saddle of a corner's image, the centroid of a dot's, and that of the chief ray. What programs call the centre of a
+micro-image is the centroid of its light, or the chief ray through its microlens; with `none` those of a file are left
+out."""
+_STATED = re.compile(rf"\s*({'|'.join(_WORDS)})\s*[:=]\s*(\S+)")
+_NO_POINT = -1
+"""Frame, and number of the point, of the centre of a micro-image."""
 _MICROLENS = ("microlens_k", "microlens_l")
 _LIBPLENO = [("k", "<i4"), ("l", "<i4"), ("x_px", "<f8", 2)]
 _CORNER = [*_LIBPLENO, ("cluster", "<i4"), ("frame", "<i4")]
 _FEATURE = [*_LIBPLENO, ("rho", "<f8"), ("cluster", "<i4"), ("frame", "<i4")]
-_FROM_ZERO = ("pixel_origin: 0",)
-"""Remark that files imply whose format says what pixels count from."""
+_Columns = dict[str, Any]
+"""Columns of `Observations` as a file has them: positions in its own pixels, no `sigma_px` where it says none, and no
+`point_id` of centres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +62,7 @@ class Observations:
     """Image positions of points of targets and centres of micro-images, a row each; (0, 0) is the centre of the
     top-left pixel.
 
-    `target` is empty where a file names none. `position`: one of `POSITIONS`, or for a centre of `CENTRES`.
+    `target` is empty where a file names none. `position`: the word for it, of a point or of a centre.
     `microlens`: k and l, or None where positions say which one it is. `file`, `line`: of the row, for errors; line 0 of
     a file without lines. `board_mm`: where on its board the program had the point, (n, 3), or None.
     """
@@ -109,11 +113,11 @@ class Observations:
 
 
 def concatenated(parts: Sequence[Observations]) -> Observations:
-    """Observations of several files, all with microlenses or none; UsageError: two of them have the same."""
-    columns: dict[str, Any] = {}
-    for name in (column.name for column in fields(Observations) if column.name != "board_mm"):
+    """Observations of several files, with microlenses if all have them; UsageError: two of them have the same."""
+    columns: _Columns = {}
+    for name in (column.name for column in fields(Observations)):
         of_parts = [getattr(part, name) for part in parts]
-        columns[name] = None if of_parts[0] is None else np.concatenate(of_parts)
+        columns[name] = None if any(column is None for column in of_parts) else np.concatenate(of_parts)
     observations = Observations(**columns)
     _require_once(observations)
     return observations
@@ -133,11 +137,13 @@ def read_observations(path: Path, stated: Stated) -> Observations:
     if not path.is_file():
         raise UsageError(f"there is no file {path}")
     try:
-        observations = reader(path, stated)
+        words, parts = reader(path, stated)
     except DamagedFile as error:
         raise UsageError(error.message, hint="correct it; docs/how_to/calibrate.md has the layout") from error
-    if not len(observations):
+    found = [_observations(path, stated, words, part) for part in parts if len(part["x_px"])]
+    if not (kept := [part for part in found if part.position[0] != "none"]):
         raise UsageError(f"{path} holds no position")
+    observations = concatenated(kept)
     sigma_px = observations.sigma_px
     for quantity, fault, is_right in (
         ("position", "is no number", np.isfinite(observations.x_px).all(axis=1)),
@@ -147,8 +153,36 @@ def read_observations(path: Path, stated: Stated) -> Observations:
             row = int(is_right.argmin())
             message = f"the {quantity} of {observations.name(row)} {fault}"
             raise observations.error_at(row, message, hint="leave out what was not seen")
-    _require_once(observations)
     return observations
+
+
+def _observations(path: Path, stated: Stated, words: Mapping[str, str], columns: _Columns) -> Observations:
+    """Columns of a file in our conventions, by what it says and what is stated beside it."""
+    kind = "position" if "point_id" in columns else "centres"
+    origin, position = (_word(path, stated, words, name) for name in ("pixel_origin", kind))
+    columns = {"camera": stated.camera or "", "file": path, "position": position, **columns}
+    if "sigma_px" not in columns:
+        if stated.sigma_px is None:
+            hint = "say --sigma PX: how far the detector may be off along x and y, one sigma"
+            raise UsageError(f"{path} does not say how good its positions are", hint=hint)
+        columns["sigma_px"] = stated.sigma_px * columns.pop("times_sigma", 1.0)
+    return Observations.of(columns.pop("x_px") - ORIGINS[origin], **columns)
+
+
+def _word(path: Path, stated: Stated, words: Mapping[str, str], name: str) -> str:
+    """A word that a file has to say, or what is stated beside it; UsageError: neither says it, both say it differently,
+    or it is none of those that are allowed.
+    """
+    option, beside = f"--{name.replace('_', '-')}", getattr(stated, name)
+    if beside and words.get(name, beside) != beside:
+        message = f"{path} says {name}: {words[name]}, and {option} says {beside}"
+        raise UsageError(message, hint="one of them is wrong")
+    word = beside or words.get(name, "")
+    if word not in _WORDS[name]:
+        message = f"{path} says {name}: {word}" if word else f"{path} does not say its {name}"
+        hint = f"say {option} {'|'.join(_WORDS[name])}, or write '# {name}: …' above the header of a table"
+        raise UsageError(message, hint=hint)
+    return str(word)
 
 
 def _require_once(observations: Observations) -> None:
@@ -176,64 +210,26 @@ def group_numbers(*columns: np.ndarray) -> np.ndarray:
     return np.unique(np.rec.fromarrays(columns), return_inverse=True)[1]
 
 
-def _words_about(path: Path, stated: Stated, comments: tuple[str, ...], *names: str) -> dict[str, str]:
-    """Words that a file has to say, each from a comment in it or from what is stated beside it; UsageError: neither
-    says it, both say it differently, or the word is none of those that are allowed.
-    """
-    words = {match[1]: match[2] for line in comments if (match := _STATED.match(line))}
-    given = {"pixel_origin": stated.pixel_origin, "position": stated.position, "centres": stated.centres}
-    allowed = {"pixel_origin": tuple(ORIGINS), "position": POSITIONS, "centres": CENTRES}
-    for name in names:
-        option, value = f"--{name.replace('_', '-')}", given[name]
-        if value and words.get(name, value) != value:
-            message = f"{path} says {name}: {words[name]}, and {option} says {value}"
-            raise UsageError(message, hint="one of them is wrong")
-        words[name] = value or words.get(name, "")
-        if words[name] not in allowed[name]:
-            word = words[name]
-            message = f"{path} says {name}: {word}" if word else f"{path} does not say its {name}"
-            hint = f"say {option} {'|'.join(allowed[name])}, or write '# {name}: …' above the header of a table"
-            raise UsageError(message, hint=hint)
-    return words
-
-
-def _sigma_px(path: Path, stated: Stated) -> float:
-    """Sigma that is stated beside a file; UsageError: none is."""
-    if stated.sigma_px is None:
-        hint = "say --sigma PX: how far the detector may be off along x and y, one sigma"
-        raise UsageError(f"{path} does not say how good its positions are", hint=hint)
-    return stated.sigma_px
-
-
-def _csv(path: Path, stated: Stated) -> Observations:
+def _csv(path: Path, stated: Stated) -> tuple[dict[str, str], list[_Columns]]:
     """Our own table, of points or of centres."""
     table = read_table(path)
-    is_of_centres = not {"frame", "point_id"} & {*table.columns}
-    kind = "centres" if is_of_centres else "position"
-    needed = ("x_px", "y_px") if is_of_centres else ("frame", "point_id", "x_px", "y_px")
+    of_points = ("frame", "point_id") if {"frame", "point_id"} & {*table.columns} else ()
+    needed = (*of_points, "x_px", "y_px")
     if missing := [name for name in needed if name not in table.columns]:
         raise UsageError(f"{path} has no column {missing[0]}", hint=f"it needs {', '.join(needed)}, between commas")
-    words = _words_about(path, stated, table.comments, "pixel_origin", kind)
-    camera = table.columns.get("camera", [stated.camera or ""])
-    if stated.camera and (further := {*camera} - {stated.camera}):
+    further = {*table.columns.get("camera", ())} - {stated.camera}
+    if stated.camera and further:
         message = f"{path} has positions of {min(further) or 'no camera'}, and --camera says {stated.camera}"
         raise UsageError(message, hint="leave --camera out: the table names its cameras")
-    columns: dict[str, Any] = {}
-    if not is_of_centres:
-        columns = {name: table.whole_numbers(name) for name in ("frame", "point_id")}
-        columns["target"] = table.columns.get("target", "")
+    columns: _Columns = {name: table.columns[name] for name in ("camera", "target") if name in table.columns}
+    columns |= {name: table.whole_numbers(name) for name in of_points}
+    columns["x_px"] = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
+    columns["line"] = table.line(0) + np.arange(len(columns["x_px"]))
     if _has_values(table, *_MICROLENS):
         columns["microlens"] = np.stack([table.whole_numbers(name) for name in _MICROLENS], axis=1)
-    position_px = np.stack([table.numbers("x_px"), table.numbers("y_px")], axis=1)
-    return Observations.of(
-        position_px - ORIGINS[words["pixel_origin"]],
-        position=words[kind],
-        camera=camera,
-        sigma_px=table.numbers("sigma_px") if _has_values(table, "sigma_px") else _sigma_px(path, stated),
-        file=path,
-        line=table.line(0) + np.arange(len(position_px)),
-        **columns,
-    )
+    if _has_values(table, "sigma_px"):
+        columns["sigma_px"] = table.numbers("sigma_px")
+    return {match[1]: match[2] for line in table.comments if (match := _STATED.match(line))}, [columns]
 
 
 def _has_values(table: Table, *names: str) -> bool:
@@ -241,7 +237,7 @@ def _has_values(table: Table, *names: str) -> bool:
     return all(any(table.columns.get(name, ())) for name in names)
 
 
-def _npz(path: Path, stated: Stated) -> Observations:
+def _npz(path: Path, _: Stated) -> tuple[dict[str, str], list[_Columns]]:
     """OpenCV: `image_points` and `object_points`, and, if they are there, the words `pixel_origin` and `position`, and
     of each view its number in `frames`, else from 1, and its name in `targets`.
 
@@ -251,8 +247,6 @@ def _npz(path: Path, stated: Stated) -> Observations:
     arrays = _arrays(path)
     if missing := [name for name in ("image_points", "object_points") if name not in arrays]:
         raise UsageError(f"{path} has no array {missing[0]}", hint="docs/how_to/calibrate.md has its layout")
-    comments = (f"{name}: {arrays[name]}" for name in ("pixel_origin", "position") if name in arrays)
-    words = _words_about(path, stated, tuple(comments), "pixel_origin", "position")
     try:
         image_px, board_mm, view, point_id = _points_of(arrays)
         frame = np.asarray(arrays["frames"], int)[view] if "frames" in arrays else view + 1
@@ -261,18 +255,10 @@ def _npz(path: Path, stated: Stated) -> Observations:
         shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items() if array.ndim)
         hint = "(f, n, 2) and (n, 3), or all points one after the other with starts (f + 1,) and ids"
         raise UsageError(f"{path} has arrays that do not fit together: {shapes}", hint=hint) from None
+    columns = {"x_px": image_px, "board_mm": board_mm, "frame": frame, "target": target, "point_id": point_id}
     is_observed = ~np.isnan(image_px).any(axis=1)
-    return Observations.of(
-        image_px[is_observed] - ORIGINS[words["pixel_origin"]],
-        position=words["position"],
-        camera=stated.camera or "",
-        frame=frame[is_observed],
-        target=target[is_observed],
-        point_id=point_id[is_observed],
-        sigma_px=_sigma_px(path, stated),
-        file=path,
-        board_mm=board_mm[is_observed],
-    )
+    words: dict[str, str] = {name: str(arrays[name]) for name in ("pixel_origin", "position") if name in arrays}
+    return words, [{name: column[is_observed] for name, column in columns.items()}]
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -303,58 +289,40 @@ def _points_of(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, n
     return image_px.reshape(-1, 2), board_mm.reshape(-1, 3), view, ids
 
 
-def _vnl(path: Path, stated: Stated) -> Observations:
+def _vnl(path: Path, stated: Stated) -> tuple[dict[str, str], list[_Columns]]:
     """mrcal's corners: lines of file name, x, y and level, all points of a board, x fastest; "-" is one not seen.
 
-    The frame is the last number in the name of the image, and sigma grows by two with each level, as mrcal weighs it.
+    The frame is the last number in the name of the image, and a folder with a point in its name is that of a camera, as
+    in `frames/0001/Rig.Camera/image.png`. Sigma grows by two with each level, as mrcal weighs it.
     """
-    words = _words_about(path, stated, _FROM_ZERO, "pixel_origin", "position")
     try:
         text = path.read_bytes().decode()
     except UnicodeDecodeError as error:
         raise DamagedFile(path, f"not a text file in UTF-8 ({error})") from error
-    columns: dict[str, list[Any]] = {name: [] for name in ("line", "camera", "frame", "point_id")}
-    position_px, scale = list[tuple[float, float]](), list[float]()
-    points_before = Counter[str]()
+    rows, points_before = [], Counter[str]()
     for number, line in enumerate(text.splitlines(), 1):
-        cells = line.split("#")[0].split()
-        if not cells:
+        if not (cells := line.split("#")[0].split()):
             continue
-        image = cells[0]
-        point = points_before[image]
-        points_before[image] += 1
-        folder_camera = _camera_of_folder(image)
-        digits = re.findall(r"\d+", image.replace(folder_camera, ""))
+        image, folder = cells[0], Path(cells[0]).parent.name
+        camera = folder if "." in folder.strip(".") else ""
+        digits = re.findall(r"\d+", image.replace(camera, ""))
         if len(cells) < 3 or not digits:
             raise DamagedFile(path, "no file name with a number, x, y and level", line=number)
+        points_before[image] += 1
         if cells[1] == "-":
             continue
         try:
             x, y, level = map(float, [*cells[1:4], "0"][:3])
         except ValueError:
             raise DamagedFile(path, f"no number in {line!r}", line=number) from None
-        columns["line"].append(number)
-        columns["camera"].append(stated.camera or folder_camera)
-        columns["frame"].append(int(digits[-1]))
-        columns["point_id"].append(point)
-        position_px.append((x, y))
-        scale.append(2.0**level)
-    return Observations.of(
-        np.array(position_px).reshape(-1, 2) - ORIGINS[words["pixel_origin"]],
-        position=words["position"],
-        sigma_px=_sigma_px(path, stated) * np.array(scale),
-        file=path,
-        **columns,
-    )
+        of_image = (number, stated.camera or camera, int(digits[-1]))
+        rows.append((*of_image, points_before[image] - 1, (x, y), 2.0**level))
+    names = ("line", "camera", "frame", "point_id", "x_px", "times_sigma")
+    columns = zip(names, map(np.array, zip(*rows, strict=True)), strict=True)
+    return {"pixel_origin": "0"}, [dict(columns)] if rows else []
 
 
-def _camera_of_folder(image: str) -> str:
-    """The camera whose name is that of the folder of an image, as in `frames/0001/Rig.Camera/image.png`, else none."""
-    folder = Path(image).parent.name
-    return folder if "." in folder.strip(".") else ""
-
-
-def _libpleno(path: Path, stated: Stated) -> Observations:
+def _libpleno(path: Path, _: Stated) -> tuple[dict[str, str], list[_Columns]]:
     """libpleno's observations: centres, then corners, then features with a blur radius. Its microlenses are numbered by
     its own grid: positions say which ones they are.
     """
@@ -367,24 +335,12 @@ def _libpleno(path: Path, stated: Stated) -> Observations:
             first += 8 + count * np.dtype(layout).itemsize
     except (ValueError, OSError, EOFError, OverflowError, zlib.error) as error:
         raise DamagedFile(path, f"no observations of libpleno: {error}") from error
-    centres, *points = parts
-    rows = np.concatenate([part[[str(name) for name, *_ in _CORNER]].astype(_CORNER) for part in points])
-    needed = [name for name, part in (("position", rows), ("centres", centres)) if len(part)]
-    words = _words_about(path, stated, _FROM_ZERO, "pixel_origin", *needed)
-    origin_px = ORIGINS[words["pixel_origin"]]
-    common = {"camera": stated.camera or "", "sigma_px": _sigma_px(path, stated), "file": path}
-    position = words.get("position", "")
-    of_points = Observations.of(
-        rows["x_px"] - origin_px, position=position, frame=rows["frame"], point_id=rows["cluster"], **common
-    )
-    if words.get("centres", "none") == "none":
-        return of_points
-    return concatenated([of_points, Observations.of(centres["x_px"] - origin_px, position=words["centres"], **common)])
+    centres, *of_points = parts
+    points = {
+        column: np.concatenate([part[name] for part in of_points])
+        for column, name in (("x_px", "x_px"), ("frame", "frame"), ("point_id", "cluster"))
+    }
+    return {"pixel_origin": "0"}, [points, {"x_px": centres["x_px"]}]
 
 
-_READERS: dict[str, Callable[[Path, Stated], Observations]] = {
-    ".csv": _csv,
-    ".npz": _npz,
-    ".vnl": _vnl,
-    ".bin.gz": _libpleno,
-}
+_READERS = {".csv": _csv, ".npz": _npz, ".vnl": _vnl, ".bin.gz": _libpleno}
