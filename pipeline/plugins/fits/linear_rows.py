@@ -143,24 +143,28 @@ class _ViewRows:
 class Linearisation:
     """Rows near numbers and poses, in units of sigma, as they count: `weight` by Cauchy's loss, 0 of what is not there.
 
-    `by_number`, `residual`: derivatives (2 n, m) and residuals (2 n,). `is_used`, (n,): rows with derivatives; others,
-    of a bundle in pieces, are 0. `views`: none if poses are known.
+    `is_used`, (n,): rows with derivatives; others, of a bundle in pieces, are 0. `views`: none if poses are known.
+    `columns`, `residual`: derivatives by numbers and residuals of what poses leave of rows, and below them of priors,
+    (2 n + m, m) and (2 n + m,).
     """
 
-    def __init__(self, slopes: Slopes, residual_px: np.ndarray, assumptions: Assumptions) -> None:
-        self.slopes, self.assumptions = slopes, assumptions
+    def __init__(
+        self, slopes: Slopes, residual_px: np.ndarray, correction: np.ndarray, assumptions: Assumptions
+    ) -> None:
+        self.slopes, self.assumptions, self._correction = slopes, assumptions, correction
         self.weight = _weights(residual_px, assumptions)
         self.is_used = (self.weight > 0) & _has_derivatives(slopes)
         self._root_weight = np.where(self.is_used, np.sqrt(self.weight) / assumptions.sigma_px, 0.0)
-        self.residual = self.scaled(residual_px[:, :, None])[:, 0]
-        self.by_number = self.scaled(slopes.by_number)
+        self._by_number, self._residual = self.scaled(slopes.by_number), self.scaled(residual_px[:, :, None])[:, 0]
         by_pose, arm_mm = self.scaled(slopes.by_pose), np.repeat(slopes.arm_mm, 2, axis=0)
         self.views = list[_ViewRows]()
         for view in range(assumptions.view.max() + 1) if assumptions.has_free_poses else ():
             coordinates = np.flatnonzero(np.repeat(assumptions.view == view, 2))
             self.views.append(_ViewRows(coordinates, by_pose[coordinates], arm_mm[coordinates]))
-        reduced = self.without_poses(np.column_stack([self.by_number, self.residual]))
-        self._reduced_by_number, self._reduced_residual = reduced[:, :-1], reduced[:, -1]
+        of_rows = self.without_poses(np.column_stack([self._by_number, self._residual]))
+        of_priors = np.column_stack([np.eye(len(correction)), correction]) / assumptions.prior_deviation[:, None]
+        all_rows = np.concatenate([of_rows, of_priors])
+        self.columns, self.residual = all_rows[:, :-1], all_rows[:, -1]
 
     def scaled(self, columns: np.ndarray) -> np.ndarray:
         """Columns of rows, (n, 2, k) [px], in units of sigma and as they count, (2 n, k)."""
@@ -176,42 +180,27 @@ class Linearisation:
         return left
 
     def numbers(self, is_free: np.ndarray | slice = slice(None), *, has_priors: bool = True) -> _Decomposition:
-        """Numbers, or those that are free, by rows if poses follow, and below these by what each prior tells.
+        """Numbers, or those that are free, if poses follow.
 
         Columns are over their norms where poses are known, so that one that poses take up is small beside 1.
         """
-        prior = 1 / self.assumptions.prior_deviation if has_priors else np.zeros(self.by_number.shape[1])
-        prior = prior[is_free]
-        norm = np.linalg.norm(self.by_number[:, is_free], axis=0)
-        norm = np.where(norm > 0, norm, np.where(prior > 0, prior, 1.0))
-        return _Decomposition(np.concatenate([self._reduced_by_number[:, is_free], np.diag(prior)]), norm)
+        columns = self.columns if has_priors else self.columns[: len(self._by_number)]
+        norm, of_priors = np.linalg.norm(self._by_number, axis=0), np.linalg.norm(columns, axis=0)
+        norm = np.where(norm > 0, norm, np.where(of_priors > 0, of_priors, 1.0))
+        return _Decomposition(columns[:, is_free], norm[is_free])
 
-    def residual_with_priors(self, correction: np.ndarray, is_free: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Residuals if poses follow, and below them those of priors at corrected numbers, or of those that are free."""
-        return np.concatenate([self._reduced_residual, (correction / self.assumptions.prior_deviation)[is_free]])
-
-    def gradient(self, correction: np.ndarray) -> np.ndarray:
-        """Gradient of half of chi squared by numbers if poses follow, at corrected numbers, (m,)."""
-        of_priors = correction / self.assumptions.prior_deviation**2
-        return np.asarray(self._reduced_by_number.T @ self._reduced_residual + of_priors)
-
-    def decrement(self, correction: np.ndarray) -> float:
+    @property
+    def decrement(self) -> float:
         """Decrease of chi squared that a step of the numbers would bring if rows were straight."""
-        return float(((self.numbers().range_basis.T @ self.residual_with_priors(correction)) ** 2).sum())
+        return float(((self.numbers().range_basis.T @ self.residual) ** 2).sum())
 
-    def gradient_change(self, number_step: np.ndarray) -> np.ndarray:
-        """Change of that gradient by a step, if rows are straight, (m,)."""
-        columns, of_priors = self._reduced_by_number, number_step / self.assumptions.prior_deviation**2
-        return np.asarray(columns.T @ (columns @ number_step) + of_priors)
-
-    def step(self, correction: np.ndarray, damping: float, curvature: np.ndarray) -> np.ndarray:
+    def number_step(self, damping: float, curvature: np.ndarray) -> np.ndarray:
         """Step of the numbers; those at a bound that would leave it stay there. `curvature`: that of rows, (m, m)."""
-        reach = self.assumptions.reach
+        reach, correction = self.assumptions.reach, self._correction
         step, is_free = np.zeros(len(correction)), np.ones(len(correction), bool)
         for _ in range(len(correction)):
             step = np.zeros(len(correction))
-            residual = self.residual_with_priors(correction, is_free)
-            step[is_free] = self.numbers(is_free).step(residual, damping, curvature[np.ix_(is_free, is_free)])
+            step[is_free] = self.numbers(is_free).step(self.residual, damping, curvature[np.ix_(is_free, is_free)])
             leaves_bound = is_free & (np.abs(correction + step) > reach) & (np.abs(correction) >= reach)
             if not leaves_bound.any():
                 break
@@ -220,7 +209,7 @@ class Linearisation:
 
     def pose_steps(self, number_step: np.ndarray, damping: float) -> np.ndarray:
         """Steps of poses that fit best to numbers that move by so much, (v, 6)."""
-        residual = self.residual + self.by_number @ number_step
+        residual = self._residual + self._by_number @ number_step
         steps = np.zeros((self.assumptions.view.max() + 1, 6))
         for number, view in enumerate(self.views):
             steps[number] = view.step(residual[view.coordinates], damping)
@@ -228,7 +217,7 @@ class Linearisation:
 
     def change(self, number_step: np.ndarray, pose_steps: np.ndarray) -> np.ndarray:
         """Change of the rows by steps of numbers and poses, (2 n,)."""
-        change = self.by_number @ number_step
+        change = self._by_number @ number_step
         for view, step in zip(self.views, pose_steps, strict=False):
             change[view.coordinates] += view.change(step)
         return np.asarray(change)

@@ -129,15 +129,16 @@ class _StepSearch:
         self._curvature = np.zeros((number_count, number_count))
         self._gradient = np.zeros(number_count)
 
-    def learn_curvature(self, linearisation: Linearisation, iterate: _Iterate, last: _Step | None) -> None:
+    def learn_curvature(self, linearisation: Linearisation, last: _Step | None) -> None:
         """Update the curvature by what the last step changed of the gradient beyond straight rows; forget it where the
         loss fell fast.
         """
-        gradient = linearisation.gradient(iterate.correction)
+        gradient = linearisation.columns.T @ linearisation.residual
         if last is None or last.loss_after < (1 - _FALLS) * last.loss_before:
             self._curvature = np.zeros_like(self._curvature)
         else:
-            surplus = gradient - self._gradient - linearisation.gradient_change(last.number_step)
+            straight = linearisation.columns.T @ (linearisation.columns @ last.number_step)
+            surplus = gradient - self._gradient - straight
             self._curvature = _rank_one_update(self._curvature, last.number_step, surplus)
         self._gradient = gradient
 
@@ -167,7 +168,7 @@ class _StepSearch:
 
     def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool, fraction: float) -> _Step:
         """The step with the present damping, or a fraction of it, and what becomes of the loss by it."""
-        number_step = fraction * linearisation.step(iterate.correction, self.damping, self._curvature)
+        number_step = fraction * linearisation.number_step(self.damping, self._curvature)
         pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
         correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
         refusal = None
@@ -206,20 +207,20 @@ def solve(
     ending, converged = f"{_STEPS} steps were not enough", False
     for count in range(1, _STEPS + 1):
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
-        linearisation = Linearisation(slopes, iterate.residual, assumptions)
+        linearisation = Linearisation(slopes, iterate.residual, iterate.correction, assumptions)
         if not linearisation.is_used.any():
             ending = "the stage has none of these rows"
             break
         chi2 = _loss(iterate.residual, linearisation.is_used, iterate.correction, assumptions)
         tell(f"step {count}: chi squared {chi2:.6g} of {2 * linearisation.is_used.sum()} coordinates")
-        search.learn_curvature(linearisation, iterate, step)
+        search.learn_curvature(linearisation, step)
         step = search.step(linearisation, iterate)
         if step is None:
             ending = "no step made the misfit smaller"
             break
         is_settled = search.damping == 0 and step.fraction == 1 and _is_settled(linearisation, step)
         gain = step.loss_before - step.loss_after
-        creeps = search.damping > 0 and gain < _CREEP * linearisation.decrement(iterate.correction)
+        creeps = search.damping > 0 and gain < _CREEP * linearisation.decrement
         iterate = step.trial
         if is_settled:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
@@ -230,7 +231,7 @@ def solve(
         search.relax()
     if not converged:
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
-    last = Linearisation(slopes, iterate.residual, assumptions)
+    last = Linearisation(slopes, iterate.residual, iterate.correction, assumptions)
     return _solution(last, iterate, count, ending, None if converged else search.refusal, converged)
 
 
@@ -298,15 +299,16 @@ def omitted_parameters(solution: Solution, derivatives: np.ndarray) -> tuple[np.
     """Estimates and deviations of parameters that the fit omits, (k,), one at a time beside all that is free, of which
     rows have `derivatives` (n, 2, k): what a mistake would look like, by a last step that is not taken.
     """
-    linearisation, number_count = solution.linearisation, len(solution.correction)
+    linearisation = solution.linearisation
     columns = linearisation.scaled(derivatives)
     norm = np.linalg.norm(columns, axis=0)
     basis = linearisation.numbers().range_basis
     # What neither poses nor numbers take up of each column (Frisch, Waugh and Lovell).
-    left = np.concatenate([linearisation.without_poses(columns), np.zeros((number_count, columns.shape[1]))])
+    left = np.zeros((len(linearisation.residual), columns.shape[1]))
+    left[: len(columns)] = linearisation.without_poses(columns)
     left -= basis @ (basis.T @ left)
     information = (left**2).sum(axis=0)
     is_told = information > (RANK_TOLERANCE * norm) ** 2
     information = np.where(is_told, information, 1.0)
-    estimate = -(left.T @ linearisation.residual_with_priors(solution.correction)) / information
+    estimate = -(left.T @ linearisation.residual) / information
     return np.where(is_told, estimate, 0.0), np.where(is_told, 1 / np.sqrt(information), np.inf)
