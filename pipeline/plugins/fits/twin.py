@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ MADE_BY = "pipeline calibrate"
 """Word of a document by which its files are known."""
 MISTAKES = ("shift_x_px", "shift_y_px", "board", "centres_x_px", "centres_y_px")
 """Shift of all positions of points, size of the boards over what the stage states, less 1, and shift of all centres."""
-_DOWN, _ACROSS = ("top", "middle", "bottom"), ("left", "centre", "right")
+_REGIONS = [f"{down} {across}" for down in ("top", "middle", "bottom") for across in ("left", "centre", "right")]
 """Regions of an image: thirds of its height and width."""
 _DOUBT = 5.0
 """Deviations above which a group of rows, a row, or the estimate of a mistake is doubted [1]: of a million without
@@ -53,8 +54,8 @@ class Group:
 
 
 def region_of(x_px: np.ndarray, size_px: np.ndarray) -> np.ndarray:
-    """Column and row, (n, 2), of the thirds of images in which positions lie."""
-    return np.clip(((x_px + 0.5) / size_px * 3).astype(int), 0, 2)
+    """Numbers of the regions of images in which positions lie, (n,): three to a row, from the top left."""
+    return np.clip(((x_px + 0.5) / size_px * 3).astype(int), 0, 2) @ [1, 3]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,14 +93,13 @@ class Twin:
         """Chi squared by camera, frame and region of the image."""
         observations = self.observations
         sizes_px = np.array([self.sizes_px[name] for name in observations.camera.tolist()])
-        column, row = region_of(observations.x_px, sizes_px).T
+        region = region_of(observations.x_px, sizes_px)
         frame = np.where(observations.is_centre, "white", observations.frame.astype(str))
-        regions = [(r, c, f"{down} {across}") for r, down in enumerate(_DOWN) for c, across in enumerate(_ACROSS)]
         cameras = np.unique(observations.camera).tolist()
         return {
             "camera": [self.group(name, observations.camera == name) for name in cameras],
             "frame": [self.group(name, frame == name) for name in dict.fromkeys(frame.tolist())],
-            "region": [self.group(name, (row == r) & (column == c)) for r, c, name in regions],
+            "region": [self.group(name, region == i) for i, name in enumerate(_REGIONS)],
         }
 
     @cached_property
@@ -116,20 +116,16 @@ class Twin:
         """Sentence about why the fit ended; of one whose steps led out of reach with the reason why there is no camera,
         and of one whose steps crept with the numbers that rows hardly tell.
         """
+        ending, component = self.solution.ending, np.abs(self.solution.weakest)
+        if ending == CREPT:
+            named = [self.stage.numbers[i].name for i in np.argsort(-component) if component[i] > _WEAK_COMPONENT]
+            ending = "rows hardly tell the poses of boards: leave out those that face the camera"
+            if named:
+                advice = "hold these numbers, or give them tolerances; boards that face the camera tell least of all"
+                ending = f"rows hardly tell {', '.join(named)}: {advice}"
         if self.solution.refusal:
-            return f"steps led to a camera that cannot be: {self.solution.refusal}; {self._ending}"
-        return self._ending
-
-    @property
-    def _ending(self) -> str:
-        if self.solution.ending != CREPT:
-            return self.solution.ending
-        component = np.abs(self.solution.weakest)
-        named = [self.stage.numbers[i].name for i in np.argsort(-component) if component[i] > _WEAK_COMPONENT]
-        if not named:
-            return "rows hardly tell the poses of boards: leave out those that face the camera"
-        advice = "hold these numbers, or give them tolerances; boards that face the camera tell least of all"
-        return f"rows hardly tell {', '.join(named)}: {advice}"
+            ending = f"steps led to a camera that cannot be: {self.solution.refusal}; {ending}"
+        return ending
 
     @cached_property
     def doubts(self) -> list[str]:
@@ -258,82 +254,71 @@ def require_new(out: Path) -> Path:
 
 
 def document(twin: Twin) -> Json:
-    """All facts about a fit as plain data; what is unknown is null."""
-    solution = twin.solution
-    estimate, deviation = twin.mistakes
-    mistakes = zip(MISTAKES, estimate.tolist(), deviation.tolist(), strict=True)
-    return {
+    """All facts about a fit as plain data; what is infinite is null, as is what a row does not have.
+
+    `open`: steps of numbers, each in its own unit, that together change no row; `component`: of a direction of length
+    1, in steps over those that alone change the rows by one sigma.
+    """
+    solution, observations, numbers = twin.solution, twin.observations, twin.stage.numbers
+    open_directions = zip(solution.open_directions, solution.open_components, strict=True)
+    mistakes = zip(MISTAKES, *twin.mistakes, strict=True)
+    frames = zip(observations.frame.tolist(), observations.is_centre, strict=True)
+    facts = {
         "made_by": MADE_BY,
         "stage": twin.stage.path.name,
-        "position": twin.observations.kinds,
+        "position": observations.kinds,
         "views": len(twin.views.keys),
-        "sizes_px": {name: list(size) for name, size in twin.sizes_px.items()},
+        "sizes_px": twin.sizes_px,
         "converged": solution.converged,
         "ending": twin.ending,
         "steps": solution.steps,
-        "numbers": _number_documents(twin),
-        "fixed": list(twin.stage.fixed),
-        "covariance": solution.covariance.tolist(),
-        "open": _open_directions(twin),
+        "numbers": [
+            {
+                "name": number.name,
+                "unit": number.unit,
+                "before": number.before,
+                "after": number.before + solution.correction[i],
+                "deviation": solution.deviation[i],
+                "prior": number.deviation,
+                "reach": number.reach,
+                "information_share": solution.information_share[i],
+                "at_bound": solution.at_bound[i],
+            }
+            for i, number in enumerate(numbers)
+        ],
+        "fixed": twin.stage.fixed,
+        "covariance": solution.covariance,
+        "open": [
+            {number.name: {"step": steps[i], "component": components[i]} for i, number in enumerate(numbers)}
+            for steps, components in open_directions
+        ],
         "open_are_held": solution.are_held,
         "chi2": {kind: [asdict(group) for group in groups] for kind, groups in twin.groups.items()},
-        "mistakes": {name: {"estimate": value, "deviation": _finite(sigma)} for name, value, sigma in mistakes},
-        "doubts": list(twin.doubts),
-        "notes": list(twin.notes),
-        "rows": _row_columns(twin),
+        "mistakes": {name: {"estimate": value, "deviation": sigma} for name, value, sigma in mistakes},
+        "doubts": twin.doubts,
+        "notes": twin.notes,
+        "rows": {
+            "camera": observations.camera,
+            "frame": [None if is_centre else frame for frame, is_centre in frames],
+            "target": observations.target,
+            "point_id": observations.point_id,
+            "microlens": observations.microlens,
+            "x_px": observations.x_px,
+            "sigma_px": observations.sigma_px,
+            "residual_px": solution.residual_px,
+            "chi2": twin.chi2,
+            "expected": solution.expected,
+        },
     }
+    return {name: _plain(fact) for name, fact in facts.items()}
 
 
-def _number_documents(twin: Twin) -> list[Json]:
-    """Facts about each free number; what is infinite is null."""
-    solution = twin.solution
-    return [
-        {
-            "name": number.name,
-            "unit": number.unit,
-            "before": number.before,
-            "after": number.before + float(solution.correction[i]),
-            "deviation": _finite(solution.deviation[i]),
-            "prior": _finite(number.deviation),
-            "reach": _finite(number.reach),
-            "information_share": float(solution.information_share[i]),
-            "at_bound": bool(solution.at_bound[i]),
-        }
-        for i, number in enumerate(twin.stage.numbers)
-    ]
-
-
-def _open_directions(twin: Twin) -> list[Json]:
-    """Steps of numbers, each in its own unit, that together change no row; `component`: of a direction of length 1, in
-    steps over those that alone change the rows by one sigma.
-    """
-    solution, names = twin.solution, [number.name for number in twin.stage.numbers]
-    return [
-        {
-            name: {"step": step, "component": component}
-            for name, step, component in zip(names, steps, components, strict=True)
-        }
-        for steps, components in zip(solution.open_directions.tolist(), solution.open_components.tolist(), strict=True)
-    ]
-
-
-def _row_columns(twin: Twin) -> Json:
-    """Columns of all rows; a row that the stage does not have has no residual, and a centre no frame."""
-    observations, solution = twin.observations, twin.solution
-    frames = zip(observations.frame.tolist(), observations.is_centre, strict=True)
-    return {
-        "camera": observations.camera.tolist(),
-        "frame": [None if is_centre else frame for frame, is_centre in frames],
-        "target": observations.target.tolist(),
-        "point_id": observations.point_id.tolist(),
-        "microlens": None if observations.microlens is None else observations.microlens.tolist(),
-        "x_px": observations.x_px.tolist(),
-        "sigma_px": observations.sigma_px.tolist(),
-        "residual_px": [[_finite(value) for value in row] for row in solution.residual_px.tolist()],
-        "chi2": twin.chi2.tolist(),
-        "expected": solution.expected.tolist(),
-    }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+def _plain(value: Any) -> Any:
+    """Plain data, in which null stands for what is not finite."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

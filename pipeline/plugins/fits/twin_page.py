@@ -148,14 +148,11 @@ class _Residuals:
 
     def _regions(self, axes: Any) -> None:
         """Draw the borders of regions, and in each chi squared over what noise leaves."""
-        column, row = region_of(self._x_px, self._size_px).T
-        wide, high = self._size_px / 3
-        for i in range(9):
-            r, c = divmod(i, 3)
-            group = self._group((row == r) & (column == c))
-            if group.rows:
-                corner_px = (c * wide + 0.02 * wide, r * high + 0.02 * wide)
-                axes.text(*corner_px, _times_expected(group), va="top", fontsize="small", color=_colour(group))
+        region, (wide, high) = region_of(self._x_px, self._size_px), self._size_px / 3
+        for i in np.unique(region).tolist():
+            group, (row, column) = self._group(region == i), divmod(i, 3)
+            corner_px = (column * wide + 0.02 * wide, row * high + 0.02 * wide)
+            axes.text(*corner_px, _times_expected(group), va="top", fontsize="small", color=_colour(group))
         for draw_line, step in ((axes.axvline, wide), (axes.axhline, high)):
             for third in (1, 2):
                 draw_line(third * step - 0.5, color="#bbbbbb", linewidth=0.6, zorder=0)
