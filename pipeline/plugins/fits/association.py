@@ -101,21 +101,18 @@ def _require_board(observations: Observations, dataset: Dataset) -> None:
         return
     for name in np.unique(observations.target).tolist():
         rows = np.flatnonzero(observations.target == name)
-        ids, first_rows, point = np.unique(observations.point_id[rows], return_index=True, return_inverse=True)
-        file_mm, stage_mm = observations.board_mm[rows[first_rows]], points_of(dataset)[name].position_mm[ids]
-        if len(moved := rows[(observations.board_mm[rows] != file_mm[point]).any(axis=1)]):
-            message = f"{observations.name(moved[0])} is elsewhere on its board than before"
-            raise observations.error_at(moved[0], message, "give each board a file")
-        file_apart_mm, stage_apart_mm = (
-            np.linalg.norm(points[:, None] - points[None], axis=2) for points in (file_mm, stage_mm)
+        ids = observations.point_id[rows]
+        first_ids, first_rows = np.unique(ids, return_index=True)
+        apart_mm, stage_apart_mm = (
+            np.linalg.norm(points_mm[:, None] - points_mm[first_rows], axis=2)
+            for points_mm in (observations.board_mm[rows], points_of(dataset)[name].position_mm[ids])
         )
-        if np.abs(file_apart_mm - stage_apart_mm).max() > _SAME_SIZE * stage_apart_mm.max():
-            least_mm, stage_least_mm = (
-                float(np.min(apart[apart > 0], initial=np.inf)) for apart in (file_apart_mm, stage_apart_mm)
-            )
-            message = f"its board has points {least_mm:.6g} mm apart, that of the stage {stage_least_mm:.6g} mm"
-            hint = "mend plen:squareSize, or the order of ids: row by row, from the top left"
-            raise observations.error_at(rows[0], message, hint)
+        is_wrong = np.abs(apart_mm - stage_apart_mm) > _SAME_SIZE * stage_apart_mm.max()
+        for row, other in np.argwhere(is_wrong)[:1]:
+            file_mm, stage_mm = apart_mm[row, other], stage_apart_mm[row, other]
+            message = f"its board has points {file_mm:.6g} mm apart, that of the stage {stage_mm:.6g} mm"
+            hint = f"they are {first_ids[other]} and {ids[row]}: mend plen:squareSize, or the order of ids, row by row"
+            raise observations.error_at(rows[row], message, f"{hint} from the top left; give each board a file")
 
 
 def _require_stills(observations: Observations, dataset: Dataset, entries: Mapping[str, CameraEntry]) -> None:

@@ -99,18 +99,18 @@ def _nearest_pose(
     (n,) [px]; 0 where there is no ray.
     """
     f_px, *_, centre_z_mm = paraxial_pinhole(camera.camera).tolist()
-    centre_mm = np.array([0.0, 0.0, centre_z_mm])
-    is_lit = np.isfinite(rays.direction).all(axis=1) & (rays.direction[:, 2] > 0)
+    centre_mm, far_z_mm = np.array([0.0, 0.0, centre_z_mm]), camera.planes_mm[1]
+    far_mm = rays.at_distance(far_z_mm)
+    is_lit = np.isfinite(far_mm).all(axis=1)
     origin_mm, direction = rays.origin_mm[is_lit] - centre_mm, rays.direction[is_lit]
     lit_points_mm = points_mm[is_lit]
     point_ids, first_rows, point = np.unique(ids[is_lit], return_index=True, return_inverse=True)
     if len(point_ids) < _LEAST_POINTS:
         raise UsageError("no light reaches its positions", hint="are they in pixels of this sensor?")
     # The mean ray of each point crosses a far plane where a pinhole in the centre would send it.
-    far_mm = camera.planes_mm[1] - centre_z_mm
-    crossing_mm = origin_mm + (far_mm - origin_mm[:, 2:]) / direction[:, 2:] * direction
-    mean_mm = [np.bincount(point, crossing_mm[:, axis]) / np.bincount(point) for axis in (0, 1)]
-    candidates = _pinhole_poses(lit_points_mm[first_rows], np.stack(mean_mm, axis=1) / far_mm)
+    mean_mm = [np.bincount(point, far_mm[is_lit, axis]) / np.bincount(point) for axis in (0, 1)]
+    slopes = np.stack(mean_mm, axis=1) / (far_z_mm - centre_z_mm)
+    candidates = _pinhole_poses(lit_points_mm[first_rows], slopes)
 
     def distances_px(pose: np.ndarray) -> np.ndarray:
         """Distances from points to rays, as seen from their origins, (3 k,)."""

@@ -132,12 +132,11 @@ class _ViewRows:
         # Along the line of sight a shift moves no image: it is across the derivatives of x and of y.
         x_by_mm, y_by_mm = self.by_pose[::2, 3:], self.by_pose[1::2, 3:]
         sight = np.cross(x_by_mm, y_by_mm).sum(axis=0)
-        sight = sight * np.sign(normal @ sight)
-        # The normal turns to the other side of the line of sight, by twice the angle between them, about the middle.
-        axis = np.cross(normal, sight)
-        angle = 2 * np.arctan2(np.linalg.norm(axis), normal @ sight)
-        turn = angle * axis / max(np.linalg.norm(axis), LEAST_NORM)
-        return np.concatenate([turn, middle_mm - Rotation.from_rotvec(turn).apply(middle_mm)])
+        sight /= max(np.linalg.norm(sight), LEAST_NORM)
+        # Half a turn about each takes the normal to the other side of the line of sight; here about the middle.
+        about_sight, about_normal = Rotation.from_rotvec(np.pi * np.array([sight, normal]))
+        turn = about_sight * about_normal
+        return np.concatenate([turn.as_rotvec(), middle_mm - turn.apply(middle_mm)])
 
 
 class Linearisation:
@@ -153,7 +152,8 @@ class Linearisation:
     ) -> None:
         self.slopes, self.assumptions, self._correction = slopes, assumptions, correction
         self.weight = _weights(residual_px, assumptions)
-        self.is_used = (self.weight > 0) & _has_derivatives(slopes)
+        has_derivatives = (np.isfinite(by).all(axis=(1, 2)) for by in (slopes.by_pose, slopes.by_number))
+        self.is_used = np.all([self.weight > 0, *has_derivatives], axis=0)
         self._root_weight = np.where(self.is_used, np.sqrt(self.weight) / assumptions.sigma_px, 0.0)
         self._by_number, self._residual = self.scaled(slopes.by_number), self.scaled(residual_px[:, :, None])[:, 0]
         by_pose, arm_mm = self.scaled(slopes.by_pose), np.repeat(slopes.arm_mm, 2, axis=0)
@@ -235,8 +235,3 @@ def _weights(residual_px: np.ndarray, assumptions: Assumptions) -> np.ndarray:
     if assumptions.loss_scale is not None:
         weight = 1 / (1 + (size / assumptions.loss_scale) ** 2)
     return np.where(np.isfinite(size), weight, 0.0)
-
-
-def _has_derivatives(slopes: Slopes) -> np.ndarray:
-    """Rows with derivatives, (n,): others, of a bundle in pieces, take no part in a step."""
-    return np.asarray(np.isfinite(slopes.by_pose).all(axis=(1, 2)) & np.isfinite(slopes.by_number).all(axis=(1, 2)))

@@ -147,41 +147,30 @@ class Predictor:
         """Derivatives at solved positions, where these are not NaN, by numbers whose neighbours are a step less and a
         step more.
         """
-        by_number = np.full((len(solved_px), 2, len(neighbours)), np.nan)
-        by_pose = np.full((len(solved_px), 2, 6), np.nan)
+        ends = [((dataset, moved(poses, -turn)), (dataset, moved(poses, turn))) for turn in _POSE_STEP * np.eye(6)]
+        ends += [((less, poses), (more, poses)) for less, more in neighbours]
+        rates = np.full((len(solved_px), 2, len(ends)), np.nan)
         is_solved = np.isfinite(solved_px[:, 0])
         for entry, points, centres in self._cameras(dataset):
             points, centres = points[is_solved[points]], centres[is_solved[centres]]
-            by_number[points] = by_number[centres] = by_pose[centres] = 0.0
+            rates[points] = rates[centres] = 0.0
             rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, points, poses)
-            variations, of_number = self._pose_variations(dataset, entry, points, poses), list[int]()
-            for number, (ends, step) in enumerate(zip(neighbours, steps, strict=True)):
-                less, more = (self._neighbour(end, entry, points, poses, rig) for end in ends)
-                is_same = (
-                    end.tracer is rig.tracer and np.array_equal(end.planes.of_points, planes) for end in (less, more)
-                )
-                if all(is_same):
-                    continue  # the number is none of this camera's
+            variations, columns = list[Variation](), list[int]()
+            for column, step in enumerate([*[_POSE_STEP] * 6, *steps]):
+                less, more = (self._neighbour(*end, entry, points, rig) for end in ends[column])
+                has_new_camera = less.tracer is not rig.tracer or more.tracer is not rig.tracer
+                if not has_new_camera and all(np.array_equal(end.planes.of_points, planes) for end in (less, more)):
+                    continue  # it changes nothing before this camera
                 variations.append(Variation(step, less, more))
-                of_number.append(number)
-                if len(centres):
+                columns.append(column)
+                if len(centres) and has_new_camera:
                     less_px, more_px = (chief_px(Rig.of(end.tracer), self._microlens[centres]) for end in (less, more))
-                    by_number[centres, :, number] = (more_px - less_px) / (2 * step)
+                    rates[centres, :, column] = (more_px - less_px) / (2 * step)
             if len(points):
                 solved = SolvedRows(np.arange(len(points)), self._cells(rig, points), solved_px[points], Planes(planes))
-                rates = derivatives(rig, solved, variations).x_px.transpose(0, 2, 1)
-                by_pose[points], by_number[np.ix_(points, [0, 1], of_number)] = rates[:, :, :6], rates[:, :, 6:]
-        return Slopes(by_number=by_number, by_pose=by_pose, arm_mm=self._arms_mm(dataset, poses))
-
-    def _pose_variations(
-        self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray
-    ) -> list[Variation]:
-        """Boards turned about and shifted along each axis, before the same camera."""
-        tracer, variations = rig_of(dataset, entry).tracer, list[Variation]()
-        for step in _POSE_STEP * np.eye(6):
-            less, more = (Planes(self._planes(dataset, entry, rows, moved(poses, end))) for end in (-step, step))
-            variations.append(Variation(_POSE_STEP, Neighbour(tracer, less), Neighbour(tracer, more)))
-        return variations
+                of_rows = derivatives(rig, solved, variations).x_px.transpose(0, 2, 1)
+                rates[np.ix_(points, [0, 1], columns)] = of_rows
+        return Slopes(by_number=rates[:, :, 6:], by_pose=rates[:, :, :6], arm_mm=self._arms_mm(dataset, poses))
 
     def _arms_mm(self, dataset: Dataset, poses: np.ndarray) -> np.ndarray:
         """From origins of boards to points, in the axes of the world, (n, 3); 0 of centres."""
@@ -207,8 +196,8 @@ class Predictor:
         lattice = rig.tracer.lattice
         return np.zeros(len(rows), np.int64) if lattice is None else lattice.rows(*self._microlens[rows].T)
 
-    def _neighbour(self, end: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, rig: Rig) -> Neighbour:
-        """The same rows before another reading of the stage."""
+    def _neighbour(self, end: Dataset, poses: np.ndarray, entry: CameraEntry, rows: np.ndarray, rig: Rig) -> Neighbour:
+        """Rows of a camera by another reading of the stage, or with boards at other poses."""
         entry_at_end = entries_of(end)[entry.full_name]
         is_same = entry_at_end.camera == rig.tracer.camera
         tracer = rig.tracer if is_same else rig.tracer.next_to(entry_at_end.camera)

@@ -51,14 +51,15 @@ def found_images(folders: Sequence[str], dataset: Dataset, layer: Path) -> Image
         of_camera = images.setdefault(camera, {})
         for file in files:
             digits = re.findall(r"\d+", file.stem)
-            if not digits or int(digits[-1]) not in frames:
-                names = f"frame {int(digits[-1])}, which the dataset does not have" if digits else "no frame"
+            frame = int(digits[-1]) if digits else None
+            if frame not in frames:
+                names = "no frame" if frame is None else f"frame {frame}, which the dataset does not have"
                 raise UsageError(f"{file} names {names}", hint="the frame is the last number in the name of an image")
             if not is_inside(file, roots):
                 raise UsageError(f"a build of {layer} may not read {file}", hint=OUTSIDE_HINT)
             relative = os.path.relpath(real_path(file), real_path(layer).parent)
-            if (other := of_camera.setdefault(str(int(digits[-1])), relative)) != relative:
-                raise UsageError(f"{file} and {other} are both of frame {int(digits[-1])}", hint="leave one out")
+            if (other := of_camera.setdefault(str(frame), relative)) != relative:
+                raise UsageError(f"{file} and {other} are both of frame {frame}", hint="leave one out")
             _pixels(file, None, sizes_px[camera])
     return images
 
@@ -109,22 +110,39 @@ class SideBySide:
         return real, np.mean(list(read_exr(view.image_path)["image"].channels.values()), axis=0)
 
     @cached_property
-    def _sums(self) -> dict[int, "_Sums"]:
-        return {frame: _Sums.of(*self._pair(frame), self.observed_px[frame]) for frame in self.files}
+    def _sums(self) -> dict[int, tuple[np.ndarray, float, float]]:
+        """Of each frame the mean products (3, 3) of the numbers of the real image, of its twin and of 1, and both ends
+        of the former, in the convex hull of the positions.
+        """
+        sums = {}
+        for frame in self.files:
+            real, twin = self._pair(frame)
+            mask = np.zeros(real.shape, np.uint8)
+            cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(self.observed_px[frame]).astype(np.int32)), 1)
+            inside = mask > 0
+            columns = np.stack([real[inside], twin[inside], np.ones(inside.sum())])
+            sums[frame] = (columns @ columns.T / inside.sum(), real[inside].min(), real[inside].max())
+        return sums
 
     @cached_property
     def scale(self) -> np.ndarray:
         """Gain and offset that bring the twin's images nearest to the real ones, (2,)."""
-        products = np.mean([sums.products for sums in self._sums.values()], axis=0)
+        products = np.mean([products for products, *_ in self._sums.values()], axis=0)
         return np.linalg.lstsq(products[1:, 1:], products[1:, 0], rcond=None)[0]  # the normal equations
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        """Least number of the real images, and their range, above 0."""
+        _, lows, highs = zip(*self._sums.values(), strict=True)
+        return min(lows), max(max(highs) - min(lows), np.finfo(float).tiny)
 
     @property
     def lines(self) -> list[str]:
         """Lines about all frames."""
         gain, offset = self.scale
         difference = np.array([1.0, -gain, -offset])  # of a real image, its twin and 1
-        mean_square = {frame: difference @ sums.products @ difference for frame, sums in self._sums.items()}
-        rms = {frame: np.sqrt(max(value, 0.0)) / self._range for frame, value in mean_square.items()}
+        mean_square = {frame: difference @ products @ difference for frame, (products, *_) in self._sums.items()}
+        rms = {frame: np.sqrt(max(value, 0.0)) / self._ends[1] for frame, value in mean_square.items()}
         return [
             f"real images beside the twin's, which are times {gain:.6g} plus {offset:.6g}: nearest over all frames,"
             " between the outermost positions",
@@ -132,45 +150,15 @@ class SideBySide:
             "rms by frame, over that range: " + "; ".join(f"{frame}: {value:.2%}" for frame, value in rms.items()),
         ]
 
-    @property
-    def _range(self) -> float:
-        """Range of the real images, above 0."""
-        highest = max(sums.high for sums in self._sums.values())
-        return max(highest - self._lowest, np.finfo(float).tiny)
-
-    @property
-    def _lowest(self) -> float:
-        return min(sums.low for sums in self._sums.values())
-
     def pictures(self, frame: int) -> dict[str, np.ndarray]:
         """Pictures of a frame by name, (h, w) uint8: both images on one scale, and their difference."""
         if frame not in self.files:
             return {}
-        real, twin = self._pair(frame)
-        gain, offset = self.scale
+        (real, twin), (gain, offset), (low, span) = self._pair(frame), self.scale, self._ends
         twin = gain * twin + offset
         shades = {
-            "real": (real - self._lowest) / self._range,
-            "twin": (twin - self._lowest) / self._range,
-            "real minus twin": 0.5 + (real - twin) / (2 * SPAN * self._range),
+            "real": (real - low) / span,
+            "twin": (twin - low) / span,
+            "real minus twin": 0.5 + (real - twin) / (2 * SPAN * span),
         }
         return {name: np.rint(255 * np.clip(shade, 0, 1)).astype(np.uint8) for name, shade in shades.items()}
-
-
-@dataclass(frozen=True, slots=True)
-class _Sums:
-    """Mean products of the numbers of a real image, of its twin and of 1, (3, 3), and ends of the former, in the convex
-    hull of positions.
-    """
-
-    products: np.ndarray
-    low: float
-    high: float
-
-    @classmethod
-    def of(cls, real: np.ndarray, twin: np.ndarray, observed_px: np.ndarray) -> Self:
-        mask = np.zeros(real.shape, np.uint8)
-        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(observed_px).astype(np.int32)), 1)
-        inside = mask > 0
-        columns = np.stack([real[inside], twin[inside], np.ones(inside.sum())])
-        return cls(columns @ columns.T / inside.sum(), float(real[inside].min()), float(real[inside].max()))

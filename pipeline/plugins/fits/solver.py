@@ -99,21 +99,18 @@ class _Iterate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Step:
-    """A step of numbers and poses to a trial point, and the loss of the rows at both ends, of those that both have.
+    """A step of numbers and poses to the next iterate, and the loss at both ends of the `rows` that both have.
 
-    `fraction`: of the numbers' whole step. `rows`: number of these rows; `is_accepted`: enough are left, and their loss
-    is no larger. `refusal`: why there is no camera at the trial point.
+    `fraction`: of the numbers' whole step.
     """
 
-    trial: _Iterate
+    end: _Iterate
     number_step: np.ndarray
     pose_steps: np.ndarray
     fraction: float
-    refusal: str | None
     rows: int
     loss_before: float
     loss_after: float
-    is_accepted: bool
 
 
 class _StepSearch:
@@ -143,16 +140,34 @@ class _StepSearch:
         self._gradient = gradient
 
     def step(self, linearisation: Linearisation, iterate: _Iterate) -> _Step | None:
-        """The first step that is accepted, of ever more damped ones; None: none of them is."""
+        """The first step that makes the loss no larger, of ever more damped ones; None: none of them does."""
         damps_poses, fraction, self.refusal = False, 1.0, None
         for _ in range(_TRIALS):
-            step = self._trial_step(linearisation, iterate, damps_poses, fraction)
-            if step.is_accepted:
-                return step
-            self.refusal = step.refusal or self.refusal
-            if step.refusal and fraction > _LEAST_FRACTION:
-                fraction /= 2  # the direction is as good as rows are straight, and only its end is out of reach
-                continue
+            number_step = fraction * linearisation.number_step(self.damping, self._curvature)
+            pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
+            correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
+            try:
+                end = _Iterate(correction, poses, self._problem.residual(correction, poses, iterate.residual))
+            except PipelineError as error:  # there is no such camera
+                self.refusal = error.message
+                if fraction > _LEAST_FRACTION:
+                    fraction /= 2  # the direction is as good as rows are straight, and only its end is out of reach
+                    continue
+            else:
+                # Rows come and go: only those of both ends are compared, or a step that loses rows would look good.
+                is_common = linearisation.is_used & np.isfinite(end.residual[:, 0])
+                before, after = (_loss(at, is_common, self._assumptions) for at in (iterate, end))
+                keeps_rows = is_common.sum() >= _LEAST_ROWS * linearisation.is_used.sum()
+                if keeps_rows and after <= before + _SLACK * (before + len(is_common)):
+                    return _Step(
+                        end=end,
+                        number_step=number_step,
+                        pose_steps=pose_steps,
+                        fraction=fraction,
+                        rows=int(is_common.sum()),
+                        loss_before=before,
+                        loss_after=after,
+                    )
             if self.damping and not damps_poses:
                 damps_poses = True
                 continue
@@ -165,33 +180,6 @@ class _StepSearch:
     def relax(self) -> None:
         """Damp the next step less, and not at all after one that was hardly damped."""
         self.damping = _LESS * self.damping if self.damping > _FIRST_DAMPING else 0.0
-
-    def _trial_step(self, linearisation: Linearisation, iterate: _Iterate, damps_poses: bool, fraction: float) -> _Step:
-        """The step with the present damping, or a fraction of it, and what becomes of the loss by it."""
-        number_step = fraction * linearisation.number_step(self.damping, self._curvature)
-        pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
-        correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
-        refusal = None
-        try:
-            residual = self._problem.residual(correction, poses, iterate.residual)
-        except PipelineError as error:  # there is no such camera
-            residual, refusal = np.full_like(iterate.residual, np.nan), error.message
-        # Rows come and go: only those of both ends are compared, or a step that loses rows would look good.
-        is_common = linearisation.is_used & np.isfinite(residual[:, 0])
-        before = _loss(iterate.residual, is_common, iterate.correction, self._assumptions)
-        after = _loss(residual, is_common, correction, self._assumptions)
-        keeps_rows = is_common.sum() >= _LEAST_ROWS * linearisation.is_used.sum()
-        return _Step(
-            trial=_Iterate(correction, poses, residual),
-            number_step=number_step,
-            pose_steps=pose_steps,
-            fraction=fraction,
-            refusal=refusal,
-            rows=int(is_common.sum()),
-            loss_before=before,
-            loss_after=after,
-            is_accepted=bool(keeps_rows and after <= before + _SLACK * (before + len(is_common))),
-        )
 
 
 def solve(
@@ -211,7 +199,7 @@ def solve(
         if not linearisation.is_used.any():
             ending = "the stage has none of these rows"
             break
-        chi2 = _loss(iterate.residual, linearisation.is_used, iterate.correction, assumptions)
+        chi2 = _loss(iterate, linearisation.is_used, assumptions)
         tell(f"step {count}: chi squared {chi2:.6g} of {2 * linearisation.is_used.sum()} coordinates")
         search.learn_curvature(linearisation, step)
         step = search.step(linearisation, iterate)
@@ -221,7 +209,7 @@ def solve(
         is_settled = search.damping == 0 and step.fraction == 1 and _is_settled(linearisation, step)
         gain = step.loss_before - step.loss_after
         creeps = search.damping > 0 and gain < _CREEP * linearisation.decrement
-        iterate = step.trial
+        iterate = step.end
         if is_settled:
             ending, converged = f"the last step moved no number by more than {SETTLED:g} of its deviation", True
             break
@@ -252,12 +240,12 @@ def _rank_one_update(curvature: np.ndarray, step: np.ndarray, surplus: np.ndarra
     return np.asarray(curvature + np.outer(missing, missing) / along)
 
 
-def _loss(residual: np.ndarray, rows: np.ndarray, correction: np.ndarray, assumptions: Assumptions) -> float:
+def _loss(iterate: _Iterate, rows: np.ndarray, assumptions: Assumptions) -> float:
     """Loss of rows, and of priors: chi squared, or Cauchy's loss of it."""
-    size2 = np.nan_to_num(standardised(residual, assumptions)[rows]) ** 2
+    size2 = standardised(iterate.residual, assumptions)[rows] ** 2
     if assumptions.loss_scale is not None:
         size2 = assumptions.loss_scale**2 * np.log1p(size2 / assumptions.loss_scale**2)
-    return float(size2.sum() + ((correction / assumptions.prior_deviation) ** 2).sum())
+    return float(size2.sum() + ((iterate.correction / assumptions.prior_deviation) ** 2).sum())
 
 
 def _solution(
