@@ -52,7 +52,7 @@ class Pinhole:
 
 def posed(tilts: tuple, distance_mm: float = 300.0) -> np.ndarray:
     """Boards in several places, (v, 4, 4), with these turns."""
-    places = np.array([(0.0, 0.0, 0.0), (20.0, -20.0, 10.0), (-25.0, 5.0, 20.0)]) + (0.0, 0.0, distance_mm)
+    places = [(0.0, 0.0, distance_mm), (20.0, -20.0, distance_mm + 10), (-25.0, 5.0, distance_mm + 20)]
     turns = [Rotation.from_euler("xy", tilt).as_matrix() for tilt in tilts]
     return np.array([rigid(turn, np.array(place)) for turn, place in zip(turns, places, strict=True)])
 
