@@ -195,16 +195,13 @@ class Linearisation:
         return float(((self.numbers().range_basis.T @ self.residual) ** 2).sum())
 
     def number_step(self, damping: float, curvature: np.ndarray) -> np.ndarray:
-        """Step of the numbers; those at a bound that would leave it stay there. `curvature`: that of rows, (m, m)."""
+        """Step of the numbers; those at a bound that chi squared pulls outwards stay there. `curvature`: that of rows,
+        (m, m).
+        """
         reach, correction = self.assumptions.reach, self._correction
-        step, is_free = np.zeros(len(correction)), np.ones(len(correction), bool)
-        for _ in range(len(correction)):
-            step = np.zeros(len(correction))
-            step[is_free] = self.numbers(is_free).step(self.residual, damping, curvature[np.ix_(is_free, is_free)])
-            leaves_bound = is_free & (np.abs(correction + step) > reach) & (np.abs(correction) >= reach)
-            if not leaves_bound.any():
-                break
-            is_free &= ~leaves_bound
+        is_free = (np.abs(correction) < reach) | (correction * (self.columns.T @ self.residual) > 0)
+        step = np.zeros(len(correction))
+        step[is_free] = self.numbers(is_free).step(self.residual, damping, curvature[np.ix_(is_free, is_free)])
         return np.asarray(np.clip(correction + step, -reach, reach) - correction)
 
     def pose_steps(self, number_step: np.ndarray, damping: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.optimize import lsq_linear
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -172,3 +173,37 @@ def test_a_step_to_a_camera_that_cannot_be_is_halved_and_a_fit_that_ends_there_s
         assert abs(solution.correction[0] - 1.0) < 1e-3 and solution.steps <= 7 and solution.refusal is None
     else:
         assert solution.refusal == "x is above 0.5"
+
+
+@dataclass(frozen=True)
+class Straight:
+    """Rows that are straight in three numbers, which are not at right angles."""
+
+    by_number: np.ndarray
+    observed_px: np.ndarray
+
+    def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+        return self.by_number @ correction - self.observed_px
+
+    def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
+        none = np.zeros((len(residual), 2, 6))
+        return Slopes(by_number=self.by_number, by_pose=none, arm_mm=none[:, 0, :3])
+
+
+def test_numbers_stay_within_their_bounds_and_the_others_make_the_best_of_it():
+    """As SciPy's bounded least squares. A whole step takes two of them to their bounds, and one comes back."""
+    random = np.random.default_rng(0)
+    by_number = 1.0 + random.normal(scale=0.5, size=(9, 2, 3))
+    straight, reach = Straight(by_number, by_number @ (3.0, -2.0, 0.5)), np.array([1.0, 1.0, np.inf])
+    assumptions = Assumptions(
+        sigma_px=np.ones(9),
+        view=np.zeros(9, int),
+        prior_deviation=np.full(3, np.inf),
+        reach=reach,
+        has_free_poses=False,
+        loss_scale=None,
+    )
+    solution = solve(straight, assumptions, np.zeros(3), np.eye(4)[None])
+    expected = lsq_linear(by_number.reshape(-1, 3), straight.observed_px.ravel(), (-reach, reach), tol=1e-15)
+    assert solution.converged and solution.at_bound.tolist() == [True, False, False]
+    np.testing.assert_allclose(solution.correction, expected.x, atol=1e-9)
