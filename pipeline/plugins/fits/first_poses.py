@@ -133,7 +133,7 @@ def _pinhole_poses(points_mm: np.ndarray, slopes: np.ndarray) -> list[np.ndarray
     a flat board either tilt.
     """
     is_flat = np.ptp(points_mm[:, 2]) < 1e-6 * np.ptp(points_mm[:, :2])
-    method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_SQPNP
+    method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_EPNP  # SQPNP refuses narrow fields
     at_zero_mm = points_mm - (0.0, 0.0, points_mm[:, 2].mean()) if is_flat else points_mm  # IPPE asks for z = 0
     _, turns, shifts, _ = cv2.solvePnPGeneric(at_zero_mm, slopes[:, None], np.eye(3), None, flags=method)
     return [np.concatenate([turn.ravel(), shift.ravel()]) for turn, shift in zip(turns, shifts, strict=True)]

@@ -24,12 +24,14 @@ from plugins.fits.planted import (
     white_image,
     wide_stage,
 )
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
 from pipeline.plugins.fits.association import associated
 from pipeline.plugins.fits.calibration import calibrate
+from pipeline.plugins.fits.first_poses import _pinhole_poses
 from pipeline.plugins.fits.free_numbers import FreeStage
 from pipeline.plugins.fits.observations import Observations, Stated, read_observations
 from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points_of
@@ -117,6 +119,16 @@ def test_derivatives_by_poses_are_those_of_rows_that_are_solved_again(narrow, ex
         more, less = (predictor.positions(dataset, moved(poses, sign * by), here) for sign in (1, -1))
         expected = (more - less) / (2 * step)
         np.testing.assert_allclose(slopes[:, :, axis], expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_curved_board_has_a_first_pose_in_a_field_of_any_width():
+    angle, y_mm = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.6, 0.6, 8), np.linspace(-1.0, 1.0, 6)))
+    board_mm = np.stack([1.8 * np.sin(angle), y_mm, 1.8 * np.cos(angle)], axis=1)
+    pose = np.array([2.9, 0.1, 0.2, 0.1, -0.2, 0.0])  # a turn and a shift
+    for distance_mm in (10.0, 400.0):
+        placed_mm = Rotation.from_rotvec(pose[:3]).apply(board_mm) + pose[3:] + (0.0, 0.0, distance_mm)
+        (found,) = _pinhole_poses(board_mm, placed_mm[:, :2] / placed_mm[:, 2:])
+        np.testing.assert_allclose(found, pose + distance_mm * np.eye(6)[5], atol=1e-5 * distance_mm)
 
 
 def test_a_tolerance_without_width_is_a_fixed_number_to_the_byte(tmp_path, narrow, exact):
