@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.errors import UsageError
-from pipeline.formats import EXACT
 from pipeline.plugins.fits.association import associated
 from pipeline.plugins.fits.first_poses import first_poses
 from pipeline.plugins.fits.free_numbers import FreeStage
@@ -28,7 +27,7 @@ class _StageRows:
     `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
     """
 
-    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray | float) -> None:
+    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray) -> None:
         self._stage, self._predictor = stage, predictor
         self._detected_px = predictor.observations.x_px
         self._observed_px = self._detected_px - offset_px  # the position of J, as it were
@@ -88,26 +87,22 @@ def _solved(
 ) -> Solution:
     """The solution by the positions that the detector looks for, which are found again where the camera is then."""
     observations, correction = predictor.observations, np.zeros(len(stage.numbers))
-    is_predicted = (observations.position == EXACT) | (observations.position == "chief") & observations.is_centre
-    if is_predicted.all():
-        return solve(_StageRows(stage, predictor, 0.0), assumptions, correction, poses, tell)
-    last_px = np.full((len(observations), 2), np.inf)
-    solution: Solution | None = None
-    for _ in range(_ROUNDS):
+
+    def offsets_px() -> np.ndarray:
         tell(f"looking for positions: {observations.kinds}")
-        offset_px = predictor.offsets(stage.at(correction), poses, observations.x_px)
-        if np.isnan(offset_px).all():
-            hint = "corners of squares have a saddle, discs a centroid, and all points exact"
-            raise UsageError(f"no point of the boards has this position: {observations.kinds}", hint=hint)
-        is_changed = np.abs(offset_px - last_px) >= _SETTLED_OFFSET * observations.sigma_px[:, None]
-        if solution is not None and not is_changed.any():
-            return solution
+        return predictor.offsets(stage.at(correction), poses, observations.x_px)
+
+    offset_px = offsets_px()
+    if np.isnan(offset_px).all():
+        hint = "corners of squares have a saddle, discs a centroid, and all points exact"
+        raise UsageError(f"no point of the boards has this position: {observations.kinds}", hint=hint)
+    for _ in range(_ROUNDS):
         solution = solve(_StageRows(stage, predictor, offset_px), assumptions, correction, poses, tell)
         correction, poses = solution.correction, solution.poses
-        last_px = offset_px
-    assert solution is not None
-    ending = "the positions that the detector looks for did not settle"
-    return replace(solution, converged=False, ending=ending)
+        last_px, offset_px = offset_px, offsets_px()
+        if not (np.abs(offset_px - last_px) >= _SETTLED_OFFSET * observations.sigma_px[:, None]).any():
+            return solution
+    return replace(solution, converged=False, ending="the positions that the detector looks for did not settle")
 
 
 def _require_poses_once(stage: FreeStage) -> None:

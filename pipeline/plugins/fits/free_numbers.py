@@ -118,9 +118,8 @@ class FreeStage:
         if entry is not None and entry >= len(varied):
             raise UsageError(f"{attribute.GetPath()} has {len(varied)} numbers, none is [{entry}]")
         values = entries(next(iter(samples_of(attribute).values())))
-        groups = [[entry]] if entry is not None else [[i] for i in range(len(varied))]
-        if prior is not None and prior.is_common:
-            groups = [list(range(len(varied)))]
+        alone = range(len(varied)) if entry is None else [entry]
+        groups = [range(len(varied))] if prior and prior.is_common else [[i] for i in alone]
         return [
             FreeNumber(
                 name=varied[group[0]].name if len(group) == 1 else str(attribute.GetPath()),

@@ -57,8 +57,6 @@ def _tell_camera(report: Any, stage: Path, output: Output, camera: str, fit: Any
 
 def _observed_px(rows: Any, camera: str) -> dict[int, np.ndarray]:
     """Positions of points in the images of a camera, by frame, (n, 2)."""
-    positions = dict[int, list[list[float]]]()
-    for name, frame, x_px in zip(rows["camera"], rows["frame"], rows["x_px"], strict=True):
-        if name == camera and frame is not None:
-            positions.setdefault(frame, []).append(x_px)
-    return {frame: np.array(x_px) for frame, x_px in positions.items()}
+    frames, x_px = np.array(rows["frame"], float), np.array(rows["x_px"])  # the frame of a centre is NaN
+    frames[np.array(rows["camera"]) != camera] = np.nan
+    return {int(frame): x_px[frames == frame] for frame in np.unique(frames[np.isfinite(frames)])}
