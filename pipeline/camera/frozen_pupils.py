@@ -29,6 +29,7 @@ class FrozenPupils:
 
     def __init__(self, tracer: Tracer, bundles: Bundles, level: int, effort: Effort) -> None:
         self._level = level
+        self._base = tracer, bundles
         nodes, _ = bundles.at_nodes(level)
         self._regions = [
             regions(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens, effort)
@@ -45,8 +46,13 @@ class FrozenPupils:
         parts = []
         rays = 0
         n = len(bundles.x_px)
+        base_tracer, base = self._base
+        is_base = tracer is base_tracer and bundles.x_px is base.x_px and bundles.microlens is base.microlens
         for light, frozen in zip(tracer.lights, self._regions, strict=True):
-            neighbour = frozen.next_to(light.tracer.arrays, light.tracer.positions_mm(*nodes.x_px.T), nodes.microlens)
+            neighbour = frozen
+            if not is_base:  # else all but the planes is the same, and boundaries are known
+                positions_mm = light.tracer.positions_mm(*nodes.x_px.T)
+                neighbour = frozen.next_to(light.tracer.arrays, positions_mm, nodes.microlens)
             moments, status, traced_rays = neighbour.moments(nodes.planes, NODES[self._level], is_last=False)
             moments[status != INTEGRATED] = np.nan
             parts.append(mixed(moments.reshape(n, len(share), COLUMNS), share) if len(share) > 1 else moments)

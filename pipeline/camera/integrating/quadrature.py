@@ -15,7 +15,7 @@ that the obstruction would block, and both are star-shaped: each is integrated a
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +81,13 @@ class Outcome(NamedTuple):
     rays: int
 
 
+class _Outline(NamedTuple):
+    """The boundary of regions in the directions of a quadrature, and whether it encloses all of their light, (n,)."""
+
+    spans: Spans
+    encloses: np.ndarray
+
+
 @dataclass(frozen=True, slots=True)
 class Edges(StarRegions):
     """Regions with the corners of their boundaries, ready for integration."""
@@ -88,6 +95,8 @@ class Edges(StarRegions):
     corners: boundary.Corners
     rays: int  # traced
     effort: Effort
+    # The last one, by nodes and `is_last`: it is found once for all planes
+    _outlines: dict[tuple[tuple[int, int], bool], _Outline] = field(default_factory=dict, init=False, repr=False)
 
     def moments(self, planes: Float64[np.ndarray, "n 2 4 3"], nodes: tuple[int, int], is_last: bool = True) -> Outcome:
         """Integrate all bundles on two planes each.
@@ -98,33 +107,43 @@ class Edges(StarRegions):
         n = len(self.positions)
         result = np.full((n, COLUMNS), np.nan)
         status = np.full(n, EMPTY)
-        # Choose the directions of the quadrature, and find the boundary along each.
-        least = max(nodes[0] // 2, _LEAST_PER_ARC if is_last else 0)
-        owner, angle, angular_weight = boundary.directions(self.nonempty, self.corners, nodes[1], least)
-        radius, _, polygon_radius, rays = self.edge_points(owner, angle, self.effort.edge_steps)
+        rays = 0
+        if (outline := self._outlines.get((nodes, is_last))) is None:
+            self._outlines.clear()
+            outline, rays = self._outline(nodes, is_last)
+            self._outlines[nodes, is_last] = outline
+        owner = outline.spans.owner
         if len(owner):
             # Sum moments over Gauss-Legendre nodes along each radius.
-            along = boundary.unit_vectors(angle)
-            spans = Spans(self.centres, owner, along, angular_weight, *self._pieces(owner, along, radius))
             rule = Rule(*boundary.unit_nodes(nodes[0]))
             star_shaped = np.zeros(n, bool)
             bundles = self.arrays, np.ascontiguousarray(planes), self.positions, self.microlens
-            count = edge_kernels.integrate(*bundles, spans, rule, result, star_shaped)
+            count = edge_kernels.integrate(*bundles, outline.spans, rule, result, star_shaped)
             edge_kernels.integrate.count(count, len(self.arrays.table))
-            rays += count + len(owner)
-            # Reject regions that are not star-shaped: by a ray beyond each boundary point, and by probes all over.
-            star_shaped &= self.nothing_beyond(owner, along, radius, polygon_radius)
-            if is_last:
-                probes = PROBES * nodes[1]  # for each position
-                agrees, probe_rays = agrees_with_probes(self, owner, angle, radius, angular_weight, probes)
-                star_shaped &= agrees
-                rays += probe_rays
-            status[owner] = np.where(star_shaped, INTEGRATED, NOT_STAR_SHAPED)[owner]
+            rays += count
+            status[owner] = np.where(star_shaped & outline.encloses, INTEGRATED, NOT_STAR_SHAPED)[owner]
         # Quadrature has no variance; an empty bundle has weight 0.
         result[:, VARIANCE:] = 0.0
         result[:, FREE_WEIGHT] = self.free_sr
         result[status == EMPTY, WEIGHT] = 0.0
         return Outcome(result, status, rays)
+
+    def _outline(self, nodes: tuple[int, int], is_last: bool) -> tuple[_Outline, int]:
+        """The boundary in the directions of a quadrature, and the number of rays."""
+        # Choose the directions, and find the boundary along each.
+        least = max(nodes[0] // 2, _LEAST_PER_ARC if is_last else 0)
+        owner, angle, angular_weight = boundary.directions(self.nonempty, self.corners, nodes[1], least)
+        radius, _, polygon_radius, rays = self.edge_points(owner, angle, self.effort.edge_steps)
+        along = boundary.unit_vectors(angle)
+        spans = Spans(self.centres, owner, along, angular_weight, *self._pieces(owner, along, radius))
+        # Test whether it encloses all of the light: by a ray beyond each boundary point, and by probes all over.
+        encloses = self.nothing_beyond(owner, along, radius, polygon_radius)
+        if is_last and len(owner):
+            probes = PROBES * nodes[1]  # for each position
+            agrees, probe_rays = agrees_with_probes(self, owner, angle, radius, angular_weight, probes)
+            encloses &= agrees
+            rays += probe_rays
+        return _Outline(spans, encloses), rays + len(owner)
 
     def _pieces(self, owner: np.ndarray, along: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Starts and lengths of the pieces of each radius within which the weight is smooth, (m, pieces)."""
