@@ -81,7 +81,8 @@ class RayGrid(AnyRayGrid):
             self,
             covariance=self.covariance[rows, columns],
             first_px=(self.first_px[0] + columns.start, self.first_px[1] + rows.start),
-            **{name: getattr(self, name)[fine] for name in names},
+            # In one piece, or kernels would be compiled once more
+            **{name: np.ascontiguousarray(getattr(self, name)[fine]) for name in names},
         )
 
     @property
