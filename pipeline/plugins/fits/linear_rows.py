@@ -96,11 +96,17 @@ class _ViewRows:
         """The columns of its pose."""
         return _Decomposition(self.by_pose, np.maximum(np.linalg.norm(self.by_pose, axis=0), LEAST_NORM))
 
+    @cached_property
+    def _by_matrix(self) -> np.ndarray:
+        """What a matrix does to the coordinates that moves each point by its product with the arm, (c, 9)."""
+        return np.einsum("ci,cj->cij", self.by_pose[:, 3:], self.arm_mm).reshape(-1, 9)
+
     def change(self, step: np.ndarray) -> np.ndarray:
         """Change of the coordinates by a step of the pose, (c,): straight in where points go, not in the turn."""
-        turn = step[:3]
-        bend_mm = Rotation.from_rotvec(turn).apply(self.arm_mm) - self.arm_mm - np.cross(turn, self.arm_mm)
-        return np.asarray(self.by_pose @ step + np.einsum("ci,ci->c", self.by_pose[:, 3:], bend_mm))
+        x, y, z = step[:3]
+        straight = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+        bend = Rotation.from_rotvec(step[:3]).as_matrix() - straight
+        return np.asarray(self.by_pose @ step + self._by_matrix @ bend.ravel())
 
     def step(self, residual: np.ndarray, damping: float) -> np.ndarray:
         """Step of the pose that makes the sum of squares of residuals, (c,), smallest; 0 along what is open.
