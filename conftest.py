@@ -56,6 +56,12 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_sessionfinish():
+    """Objects that wait for their end are looked for once: pytest does so five times, and took a second of each worker."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_runtest_setup():
     """Each test checks shapes as if it ran alone."""
     checked_shapes.start_counting_anew()
