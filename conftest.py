@@ -57,7 +57,7 @@ def pytest_collection_finish():
 
 
 def pytest_sessionfinish():
-    """Objects that wait for their end are looked for once: pytest does so five times, and took a second of each worker."""
+    """Garbage is looked for once: pytest does so five times, which took a second of each worker."""
     gc.collect()
     gc.freeze()
 

@@ -76,13 +76,13 @@ class RayGrid(AnyRayGrid):
     def window(self, rows: slice, columns: slice) -> "RayGrid":
         k = self.supersampling
         fine = slice(rows.start * k, rows.stop * k), slice(columns.start * k, columns.stop * k)
-        names = ("near", "far", "hit_fraction", "error_px", "cell")
+        names = ("near", "far", "hit_fraction", "error_px")
         return replace(
             self,
             covariance=self.covariance[rows, columns],
+            cell=np.ascontiguousarray(self.cell[fine]),  # or kernels would be compiled once more
             first_px=(self.first_px[0] + columns.start, self.first_px[1] + rows.start),
-            # In one piece, or kernels would be compiled once more
-            **{name: np.ascontiguousarray(getattr(self, name)[fine]) for name in names},
+            **{name: getattr(self, name)[fine] for name in names},
         )
 
     @property
