@@ -100,6 +100,7 @@ class _Module:
     """Facts of one source file that the fingerprint needs, from its syntax tree."""
 
     digest: str
+    is_package: bool
     imports: list[str]
     foreign: list[str]
 
@@ -186,15 +187,22 @@ def _reached(kind: str, visited: Modules) -> dict[str, _Module]:
         name = todo.pop()
         if name in reached:
             continue
-        if name not in visited:
-            visited[name] = _module(name)
-        if (module := visited[name]) is not None:
+        if (module := _visited(name, visited)) is not None:
             reached[name] = module
             _first_seen.setdefault(name, module.digest)
             # Importing a.b.c also runs a.b. The top package only lists public names: its edits change no task.
             parts = name.split(".")
             todo += [*module.imports, *(".".join(parts[:n]) for n in range(2, len(parts)))]
     return reached
+
+
+def _visited(name: str, visited: Modules) -> _Module | None:
+    """Facts of a module; None, without a look for files, below one that is no package: most imports are functions."""
+    if name not in visited:
+        parent, _, _ = name.rpartition(".")
+        above = _visited(parent, visited) if parent else None
+        visited[name] = _module(name) if above is None or above.is_package else None
+    return visited[name]
 
 
 def _module(name: str) -> _Module | None:
@@ -238,6 +246,7 @@ def _parsed(tree: ast.Module, name: str, is_package: bool) -> _Module:
     text = ast.dump(tree, include_attributes=False)
     return _Module(
         digest=hashlib.sha256(text.encode()).hexdigest(),
+        is_package=is_package,
         imports=sorted(imported for imported in imports if imported.split(".")[0] in own_packages),
         foreign=sorted(filter(is_foreign, foreign)),
     )
