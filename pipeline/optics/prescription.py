@@ -280,17 +280,19 @@ class Surface:
 
 
 def least_gap_mm(front: Surface, behind: Surface) -> float:
-    """Least axial gap between neighbouring surfaces within both apertures; negative: they cross. [mm]
-
-    Between spheres it lies on the axis or at the edge; aspheres may come closest in between, and 64 heights are tried.
-    """
+    """Least axial gap between neighbouring surfaces within both apertures; negative: they cross. [mm]"""
     return min(gap for gap, _ in gaps_mm(front, behind))
 
 
 def gaps_mm(front: Surface, behind: Surface) -> list[tuple[float, float]]:
-    """Axial gaps between neighbouring surfaces, each with its height above the axis. [mm]"""
+    """Axial gaps between neighbouring surfaces, each with its height above the axis. [mm]
+
+    Spheres are closest on the axis or at the edge; aspheres may be so in between, and 64 heights are tried.
+    """
     edge = min(front.semi_diameter_mm, behind.semi_diameter_mm)
-    heights = [edge * i / _HEIGHTS for i in range(_HEIGHTS + 1)]
+    is_sphere = [not (s.relief or s.conic or s.even_coefficients or s.odd_coefficients) for s in (front, behind)]
+    steps = 1 if all(is_sphere) else _HEIGHTS
+    heights = [edge * i / steps for i in range(steps + 1)]
     return [(front.thickness_mm + behind.sag_mm(h) - front.sag_mm(h), h) for h in heights]
 
 
