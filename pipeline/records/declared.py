@@ -139,15 +139,25 @@ def settle(
     infinity, those in `finite` any finite number: coefficients of high powers of small heights are huge. Raises an
     error of the given type.
     """
-    for name, hint in _fields(type(record)):  # type: ignore[arg-type]  # a type can be hashed
+    kind: Any = type(record)
+    for name, hint, sizes, check in _checked_fields(kind, tuple(infinite), tuple(finite)):
         value = getattr(record, name)
-        sizes = Sizes.OR_INFINITE if name in infinite else Sizes.FINITE if name in finite else Sizes.USUAL
-        converted = _check(hint, sizes)(value)
+        converted = check(value)
         if converted is _WRONG:
             message = f"{type(record).__name__}: {name} is {reprlib.repr(value)}"
             raise error(message, hint=f"it has to be {_in_words(hint, sizes)}")
         if converted is not value:
             object.__setattr__(record, name, converted)
+
+
+@functools.cache
+def _checked_fields(
+    record: type, infinite: tuple[str, ...], finite: tuple[str, ...]
+) -> list[tuple[str, Any, Sizes, Callable[[Any], Any]]]:
+    """Name, annotation, sizes and check of each field of a type of record."""
+    sizes = dict.fromkeys(finite, Sizes.FINITE) | dict.fromkeys(infinite, Sizes.OR_INFINITE)
+    fields = [(name, hint, sizes.get(name, Sizes.USUAL)) for name, hint in _fields(record)]
+    return [(*field, _check(*field[1:])) for field in fields]
 
 
 def arguments_settled(error: type[PipelineError]) -> Callable[[F], F]:
