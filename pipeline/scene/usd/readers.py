@@ -78,7 +78,7 @@ def read_once(reader: F, named: Callable[..., Hashable] | None = None) -> F:
     @functools.wraps(reader)
     def memoised(thing: Usd.Stage | Usd.Object, *arguments: Any) -> Any:
         """The reader's answer. What it was read from counts as read by the reader at work, too."""
-        stage, owner = (thing, None) if isinstance(thing, Usd.Stage) else (thing.GetStage(), thing)
+        stage, owner = (thing, None) if type(thing) is Usd.Stage else (thing.GetStage(), thing)
         notes = _NOTES.get(stage) or notes_of(stage)
         key = reader, named(thing, *arguments) if named else (owner, *arguments)  # does not hold the stage
         if (noted := notes.answers.get(key)) is None:

@@ -211,17 +211,17 @@ class Rule:
         return bool(np.all(self.span.holds(array) if self.span else np.isfinite(array)))
 
 
-_RULES: dict[tuple[str, tuple[str, ...]], dict[str, Rule]] = {}
+_RULES: dict[tuple[str, ...], dict[str, Rule]] = {}
 
 
 def rules_of(prim: Usd.Prim) -> dict[str, Rule]:
     """Rules of all attributes that the schemas of a prim have."""
-    key = str(prim.GetTypeName()), tuple(prim.GetAppliedSchemas())
-    if key not in _RULES:
+    key = prim.GetTypeName(), *prim.GetAppliedSchemas()
+    if (known := _RULES.get(key)) is None:
         definition = prim.GetPrimDefinition()
         rules = {name: _rule(definition, name) for name in definition.GetPropertyNames()}
-        _RULES[key] = {name: rule for name, rule in rules.items() if rule}
-    return _RULES[key]
+        known = _RULES[key] = {name: rule for name, rule in rules.items() if rule}
+    return known
 
 
 def rule_of(prim: Usd.Prim, name: str) -> Rule | None:
@@ -287,9 +287,9 @@ def fields_of(prim: Usd.Prim, record: type) -> dict[str, Any]:
     """Values of the fields of a record that are annotated with attributes of a prim, but for attributes that have no
     effect beside a token of another one; None where a field may lack a value. UnreadableValue as `need`.
     """
-    values = {}
+    values, rules = {}, rules_of(prim)
     for name, (attribute, may_lack) in _annotated(record).items():
-        rule = rule_of(prim, attribute)
+        rule = rules.get(attribute)
         by_token = [condition for condition in rule.conditions if condition.tokens] if rule else []
         conditions = [(condition.kind, condition.holds(prim)) for condition in by_token]
         if ("Only", False) not in conditions:
