@@ -1,6 +1,7 @@
 """Options of the whole test run."""
 
 import collections
+import fcntl
 import gc
 import os
 import signal
@@ -44,9 +45,25 @@ def _minutes(item):
     return mark.kwargs.get("minutes", 0) if mark else 0
 
 
-def pytest_collection():
-    """What is imported and collected stays: a quarter of the time was spent on a search for garbage in it."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session):
+    """What is imported and collected stays: a quarter of the time was spent on a search for garbage in it.
+
+    The first time, other workers wait for the one that makes byte code of tests and libraries: each would make it all.
+    """
     gc.disable()
+    if not hasattr(session.config, "workerinput"):
+        return (yield)
+    folder = session.config.cache.mkdir("byte-code")
+    made = folder / "made"
+    with (folder / "lock").open("w") as lock:
+        if not made.exists():
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if not made.exists():
+            result = yield
+            made.touch()
+            return result
+    return (yield)
 
 
 def pytest_collection_finish():
