@@ -19,24 +19,30 @@ from pipeline.plugins.fits.twin import Twin
 _ROUNDS, _SETTLED_OFFSET = 6, 0.01
 """Most rounds in which other positions than those of J are found where the camera is then, and the change of these over
 sigma that ends them [1]."""
+_WHOLE, _LEADING = 0.999, 0.8
+"""Hit fraction from which on a row has all of its light, and the least part of rows that lead a fit [1]."""
 
 
 class _StageRows:
     """The problem of the solver: rows of a stage at corrected numbers and at poses.
 
     `offset_px`: from the position of J to that which the detector looks for, (n, 2); it hardly changes with a camera.
+    `is_taken`: of each row, (n,).
     """
 
-    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray) -> None:
-        self._stage, self._predictor = stage, predictor
+    def __init__(self, stage: FreeStage, predictor: Predictor, offset_px: np.ndarray, is_taken: np.ndarray) -> None:
+        self._stage, self._predictor, self._is_taken = stage, predictor, is_taken
         self._detected_px = predictor.observations.x_px
         self._observed_px = self._detected_px - offset_px  # the position of J, as it were
 
     def residual(self, correction: np.ndarray, poses: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
-        """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have."""
+        """Predicted minus observed positions, (n, 2) [px]; NaN of rows that the stage does not have or that are not
+        taken.
+        """
         start_px = self._observed_px if near is None else self._observed_px + near
         start_px = np.where(np.isfinite(start_px), start_px, self._detected_px)
-        return self._predictor.positions(self._stage.at(correction), poses, start_px) - self._observed_px
+        residual_px = self._predictor.positions(self._stage.at(correction), poses, start_px) - self._observed_px
+        return np.where(self._is_taken[:, None], residual_px, np.nan)
 
     def slopes(self, correction: np.ndarray, poses: np.ndarray, residual: np.ndarray) -> Slopes:
         """Derivatives where rows have these residuals."""
@@ -92,17 +98,33 @@ def _solved(
         tell(f"looking for positions: {observations.kinds}")
         return predictor.offsets(stage.at(correction), poses, observations.x_px)
 
+    def rows(is_taken: np.ndarray) -> _StageRows:
+        return _StageRows(stage, predictor, offset_px, is_taken)
+
     offset_px = offsets_px()
     if np.isnan(offset_px).all():
         hint = "corners of squares have a saddle, discs a centroid, and all points exact"
         raise UsageError(f"no point of the boards has this position: {observations.kinds}", hint=hint)
+    steps, everything = 0, np.ones(len(observations), bool)
+    if any(entry.camera.microlenses for entry in stage.nominal.cameras):
+        is_there, is_whole = (
+            np.isfinite(predictor.positions(stage.nominal, poses, observations.x_px, least)[:, 0])
+            for least in (0.0, _WHOLE)
+        )
+        if is_whole.mean() > _LEADING and not is_there.all():
+            # Rims of micro-images that are not in their places cut the light of rows, and would hold the fit by these.
+            leading = solve(rows(is_whole), assumptions, correction, poses, tell)
+            steps = leading.steps
+            if leading.converged:
+                correction, poses = leading.correction, leading.poses
     for _ in range(_ROUNDS):
-        solution = solve(_StageRows(stage, predictor, offset_px), assumptions, correction, poses, tell)
-        correction, poses = solution.correction, solution.poses
+        solution = solve(rows(everything), assumptions, correction, poses, tell)
+        correction, poses, steps = solution.correction, solution.poses, steps + solution.steps
         last_px, offset_px = offset_px, offsets_px()
         if not (np.abs(offset_px - last_px) >= _SETTLED_OFFSET * observations.sigma_px[:, None]).any():
-            return solution
-    return replace(solution, converged=False, ending="the positions that the detector looks for did not settle")
+            return replace(solution, steps=steps)
+    ending = "the positions that the detector looks for did not settle"
+    return replace(solution, steps=steps, converged=False, ending=ending)
 
 
 def _require_poses_once(stage: FreeStage) -> None:

@@ -121,7 +121,9 @@ def _nearest_pose(
 
     fits = [least_squares(distances_px, candidate, x_scale="jac", loss="soft_l1") for candidate in candidates]
     if not fits:
-        raise UsageError("no pose fits its positions", hint="are they all in one place, or ids not those of the board?")
+        raise UsageError(
+            "no pose fits its positions", hint="are they in one place or on one line, or ids not those of the board?"
+        )
     best = min(fits, key=lambda fit: fit.cost)
     distance_px = np.zeros(len(is_lit))
     distance_px[is_lit] = np.linalg.norm(distances_px(best.x).reshape(-1, 3), axis=1)
@@ -136,4 +138,5 @@ def _pinhole_poses(points_mm: np.ndarray, slopes: np.ndarray) -> list[np.ndarray
     method = cv2.SOLVEPNP_IPPE if is_flat else cv2.SOLVEPNP_EPNP  # SQPNP refuses narrow fields
     at_zero_mm = points_mm - (0.0, 0.0, points_mm[:, 2].mean()) if is_flat else points_mm  # IPPE asks for z = 0
     _, turns, shifts, _ = cv2.solvePnPGeneric(at_zero_mm, slopes[:, None], np.eye(3), None, flags=method)
-    return [np.concatenate([turn.ravel(), shift.ravel()]) for turn, shift in zip(turns, shifts, strict=True)]
+    poses = [np.concatenate([turn.ravel(), shift.ravel()]) for turn, shift in zip(turns, shifts, strict=True)]
+    return [pose for pose in poses if np.isfinite(pose).all()]  # points on a line have none

@@ -69,15 +69,11 @@ class _Decomposition:
         """Largest singular value; 0 where all directions are open."""
         return float(np.max(self.singular_values, initial=0.0))
 
-    def step(self, residual: np.ndarray, damping: float, curvature: np.ndarray) -> np.ndarray:
-        """Step of the unknowns that makes the sum of squares smaller, and is 0 along what is open.
-
-        `curvature`: of half that sum beyond that of the columns, (unknowns, unknowns).
-        """
-        directions = self.row_space / self.norm
-        hessian = np.diag(self.singular_values**2 + damping * self.largest**2) + directions @ curvature @ directions.T
-        gradient = self.singular_values * (self.range_basis.T @ residual)
-        return np.asarray(-directions.T @ np.linalg.solve(hessian, gradient))
+    def step(self, residual: np.ndarray, damping: float) -> np.ndarray:
+        """Step of the unknowns that makes the sum of squares smaller, and is 0 along what is open."""
+        along = self.singular_values * (self.range_basis.T @ residual)
+        along /= self.singular_values**2 + damping * self.largest**2
+        return np.asarray(-along @ self.row_space / self.norm)
 
 
 @dataclass(frozen=True)
@@ -200,14 +196,12 @@ class Linearisation:
         """Decrease of chi squared that a step of the numbers would bring if rows were straight."""
         return float(((self.numbers().range_basis.T @ self.residual) ** 2).sum())
 
-    def number_step(self, damping: float, curvature: np.ndarray) -> np.ndarray:
-        """Step of the numbers; those at a bound that chi squared pulls outwards stay there. `curvature`: that of rows,
-        (m, m).
-        """
+    def number_step(self, damping: float) -> np.ndarray:
+        """Step of the numbers; those at a bound that chi squared pulls outwards stay there."""
         reach, correction = self.assumptions.reach, self._correction
         is_free = (np.abs(correction) < reach) | (correction * (self.columns.T @ self.residual) > 0)
         step = np.zeros(len(correction))
-        step[is_free] = self.numbers(is_free).step(self.residual, damping, curvature[np.ix_(is_free, is_free)])
+        step[is_free] = self.numbers(is_free).step(self.residual, damping)
         return np.asarray(np.clip(correction + step, -reach, reach) - correction)
 
     def pose_steps(self, number_step: np.ndarray, damping: float) -> np.ndarray:

@@ -31,6 +31,9 @@ _LEAST_PX = 1e-9
 """Finest accuracy of rows [px]: finer than this, traces in double precision round."""
 _SIGMA_SHARE = 1e-5
 """Error of rows over that of observations [1]: what it moves is no more than that part of any deviation."""
+_ASTRAY = 1e3
+"""Error that the search of a row states, over that which was asked, above which there is no row [1]: near the rim of a
+micro-image it may end a pixel from any solution."""
 _POSE_STEP = 1e-4
 """Step of the pose of a board [rad, mm]: differences err by 1e-8 of the derivative, and round by less."""
 
@@ -97,13 +100,15 @@ class Predictor:
     observations: Observations
     views: Views
 
-    def positions(self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray) -> np.ndarray:
+    def positions(
+        self, dataset: Dataset, poses: np.ndarray, start_px: np.ndarray, least_hit_fraction: float = 0.0
+    ) -> np.ndarray:
         """Positions (n, 2) with boards at `poses` (v, 4, 4) world_from_target [mm], NaN where the stage has no such
-        row; searches begin at `start_px` (n, 2).
+        row, or less of its light than asked; searches begin at `start_px` (n, 2).
         """
         predicted_px = np.full((len(self.observations), 2), np.nan)
         for entry, points, centres in self._cameras(dataset):
-            solutions = self._solved(dataset, entry, points, poses, start_px)
+            solutions = self._solved(dataset, entry, points, poses, start_px, least_hit_fraction)
             predicted_px[points[solutions.point]] = solutions.xy_px
             if len(centres):
                 predicted_px[centres] = chief_px(rig_of(dataset, entry), self._microlens[centres])
@@ -128,13 +133,20 @@ class Predictor:
         return offset_px
 
     def _solved(
-        self, dataset: Dataset, entry: CameraEntry, rows: np.ndarray, poses: np.ndarray, start_px: np.ndarray
+        self,
+        dataset: Dataset,
+        entry: CameraEntry,
+        rows: np.ndarray,
+        poses: np.ndarray,
+        start_px: np.ndarray,
+        least_hit_fraction: float = 0.0,
     ) -> Solutions:
         """Positions of J of rows, by their numbers among these, without those that the stage does not have."""
         rig, planes = rig_of(dataset, entry), self._planes(dataset, entry, rows, poses)
         guess = Guess(np.arange(len(rows)), self._cells(rig, rows), start_px[rows])
-        finest_px = float(self.observations.sigma_px.min()) * _SIGMA_SHARE
-        return solve(rig, guess, planes, min(max(finest_px, _LEAST_PX), 1e-3), 0.0).solutions
+        asked_px = min(max(_SIGMA_SHARE * float(self.observations.sigma_px.min()), _LEAST_PX), 1e-3)
+        solved = solve(rig, guess, planes, asked_px, least_hit_fraction)
+        return solved.solutions.only(solved.sigma_px.max(axis=1) <= _ASTRAY * asked_px)
 
     def slopes(
         self,

@@ -1,11 +1,4 @@
-"""Damped Gauss-Newton with poses eliminated, robust weights and priors.
-
-Rows near the rim of a micro-image bend, and what noise leaves of them then bends chi squared: straight steps converge
-slowly, or overshoot for ever. The curvature of this part, r H of residuals r with second derivatives H, is learnt from
-the change of the gradient at each step (J. E. Dennis, D. M. Gay, R. E. Welsch, ACM TOMS 7, 1981, 348), of the numbers.
-While the misfit still falls fast, what was learnt is of residuals that are gone, and straight steps are the best: a
-step that makes chi squared much smaller forgets it (R. Fletcher, C. Xu, IMA J. Numer. Anal. 7, 1987, 371).
-"""
+"""Damped Gauss-Newton with poses eliminated, robust weights and priors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,17 +20,12 @@ moves by more than that part of its deviation, and the next step would move it b
 _CREEP = 0.1
 """Decrease of chi squared by a damped step, over that which rows promise if they are straight, below which they are too
 bent to tell [1]."""
-_FALLS = 0.2
-"""Decrease of chi squared by a step, over itself, from which on the next one takes rows as straight [1]: of Fletcher
-and Xu."""
 _SLACK = 1e-7
 """Increase of chi squared that counts as none, over itself and the number of rows [1]: what rows are solved to."""
 _LEAST_ROWS = 0.5
 """Part of the rows that a step has to keep [1]: a camera that loses its image fits what is left of it."""
 _LEAST_FRACTION = 1 / 16
 """Fraction of a step down to which it is halved where there is no camera at its end [1]: then it is damped."""
-_SKIPPED = 1e-8
-"""Cosine of a step and of what an update adds to its gradient below which there is none [1], as is usual."""
 _OPEN_SHARE = 1e-3
 """Component of a number in a direction that is open, above which the number is open itself [1]."""
 CREPT = "rows hardly tell which way"
@@ -114,36 +102,21 @@ class _Step:
 
 
 class _StepSearch:
-    """Steps of a problem, with the damping and the curvature of rows that one step leaves to the next.
+    """Steps of a problem, with the damping that one leaves to the next.
 
     `refusal`: why a trial point of the last step has no camera, if one has none.
     """
 
-    def __init__(self, problem: Problem, assumptions: Assumptions, number_count: int) -> None:
+    def __init__(self, problem: Problem, assumptions: Assumptions) -> None:
         self.damping = 0.0
         self.refusal: str | None = None
         self._problem, self._assumptions = problem, assumptions
-        self._curvature = np.zeros((number_count, number_count))
-        self._gradient = np.zeros(number_count)
-
-    def learn_curvature(self, linearisation: Linearisation, last: _Step | None) -> None:
-        """Update the curvature by what the last step changed of the gradient beyond straight rows; forget it where the
-        loss fell fast.
-        """
-        gradient = linearisation.columns.T @ linearisation.residual
-        if last is None or last.loss_after < (1 - _FALLS) * last.loss_before:
-            self._curvature = np.zeros_like(self._curvature)
-        else:
-            straight = linearisation.columns.T @ (linearisation.columns @ last.number_step)
-            surplus = gradient - self._gradient - straight
-            self._curvature = _rank_one_update(self._curvature, last.number_step, surplus)
-        self._gradient = gradient
 
     def step(self, linearisation: Linearisation, iterate: _Iterate) -> _Step | None:
         """The first step that makes the loss no larger, of ever more damped ones; None: none of them does."""
         damps_poses, fraction, self.refusal = False, 1.0, None
         for _ in range(_TRIALS):
-            number_step = fraction * linearisation.number_step(self.damping, self._curvature)
+            number_step = fraction * linearisation.number_step(self.damping)
             pose_steps = linearisation.pose_steps(number_step, self.damping if damps_poses else 0.0)
             correction, poses = iterate.correction + number_step, moved(iterate.poses, pose_steps)
             try:
@@ -171,9 +144,7 @@ class _StepSearch:
             if self.damping and not damps_poses:
                 damps_poses = True
                 continue
-            # Damp more, the numbers first; a curvature that led astray is none.
-            self.damping = max(_MORE * self.damping, _FIRST_DAMPING)
-            self._curvature = np.zeros_like(self._curvature)
+            self.damping = max(_MORE * self.damping, _FIRST_DAMPING)  # of the numbers first
             damps_poses = False
         return None
 
@@ -191,7 +162,7 @@ def solve(
 ) -> Solution:
     """Fit numbers and poses to rows, from first corrections of the numbers and first poses."""
     iterate = _Iterate(correction, poses, problem.residual(correction, poses))
-    search, step, count = _StepSearch(problem, assumptions, len(correction)), None, 0
+    search, count = _StepSearch(problem, assumptions), 0
     ending, converged = f"{_STEPS} steps were not enough", False
     for count in range(1, _STEPS + 1):
         slopes = problem.slopes(iterate.correction, iterate.poses, iterate.residual)
@@ -201,7 +172,6 @@ def solve(
             break
         chi2 = _loss(iterate, linearisation.is_used, assumptions)
         tell(f"step {count}: chi squared {chi2:.6g} of {2 * linearisation.is_used.sum()} coordinates")
-        search.learn_curvature(linearisation, step)
         step = search.step(linearisation, iterate)
         if step is None:
             ending = "no step made the misfit smaller"
@@ -227,17 +197,6 @@ def _is_settled(linearisation: Linearisation, step: _Step) -> bool:
     """Whether a step changed rows by next to nothing, in sigma, or in the sigma that their misfit says."""
     change = np.linalg.norm(linearisation.change(step.number_step, step.pose_steps))
     return bool(change < SETTLED * np.sqrt(max(1.0, step.loss_before / (2 * step.rows))))
-
-
-def _rank_one_update(curvature: np.ndarray, step: np.ndarray, surplus: np.ndarray) -> np.ndarray:
-    """Curvature of rows after a step, along which the gradient changed by `surplus` beyond that of straight rows: the
-    symmetric update of rank one (Nocedal and Wright, Numerical Optimization, 6.24).
-    """
-    missing = surplus - curvature @ step
-    along = missing @ step
-    if abs(along) <= _SKIPPED * np.linalg.norm(missing) * np.linalg.norm(step):
-        return curvature
-    return np.asarray(curvature + np.outer(missing, missing) / along)
 
 
 def _loss(iterate: _Iterate, rows: np.ndarray, assumptions: Assumptions) -> float:
