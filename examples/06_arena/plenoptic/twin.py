@@ -36,6 +36,8 @@ MOST = 800
 _INNER = 0.35
 """Part of the pitch within which rows of an unfocused camera are taken [1]: a pixel farther out sees the rim of the
 pupil, so that its rows come and go while numbers move, and a search among them ends astray."""
+_SIGMAS = 5
+"""Distance from the edge of the image within which no rows are taken, in sigma of noise [1]: it moves none out."""
 
 
 class Solved:
@@ -105,8 +107,8 @@ def twin_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answ
     """Fits to exact rows and to noisy ones as floors get them, each from drawings of its own."""
     stage = task.parent / "dataset.usda"
     task.mkdir(exist_ok=True)
-    boards = [truth.boards, *truth.noisy(NOISE_PX, facts["noisy"])]
-    exact, *repeats = [_fitted(truth, stage, rows, task / f"{n}.usda") for n, rows in enumerate(boards)]
+    boards, taken = [truth.boards, *truth.noisy(NOISE_PX, facts["noisy"])], taken_rows(truth)
+    exact, *repeats = [fitted_to(truth, stage, rows.only(taken), task / f"{n}.usda") for n, rows in enumerate(boards)]
     true = true_numbers(stage)
     result = judged(truth, {"exact": _calibration(truth, exact)}, [_calibration(truth, twin) for twin in repeats], true)
     if repeats:
@@ -116,22 +118,34 @@ def twin_judged(truth: Truth, answer: Answer, task: Path, facts: Answer) -> Answ
     return result
 
 
-def _fitted(truth: Truth, stage: Path, boards: Rows, drawings: Path) -> Twin:
-    rig = truth.rig
+def taken_rows(truth: Truth) -> np.ndarray:
+    """Numbers of the rows of the boards that are fitted, exact or noisy, by their exact positions: of those near a
+    border that is drawn through noisy ones, the noise on average points inwards.
+    """
+    rig, boards = truth.rig, truth.boards
     half_px = np.array(rig.size_px) / 2
-    is_taken = (np.abs(boards.image_px + 0.5 - half_px) < half_px).all(axis=1)  # noise moves rows out of the image
+    is_taken = (np.abs(boards.image_px + 0.5 - half_px) < half_px - _SIGMAS * NOISE_PX).all(axis=1)
     if rig.sensor_mm is not None:
         off_px = np.hypot(*(boards.image_px - truth.centre_px[boards.microlens]).T)
         is_taken &= off_px < _INNER * rig.pitch_mm / rig.pixel_mm
     taken = np.flatnonzero(is_taken)
-    boards = boards.only(taken[:: -(-len(taken) // MOST)])
-    write_drawings(stage, drawings, f"{rig.name} {drawings.stem}")
-    columns = {"frame": boards.view + 1, "point_id": boards.point}
-    columns |= dict(zip(("microlens_k", "microlens_l"), truth.ready.rig.axial[boards.microlens].T, strict=True))
-    columns |= dict(zip(("x_px", "y_px"), boards.image_px.T, strict=True))
-    twin = fitted(FreeStage(drawings, ["Made"], [stage.parent]), columns, "exact")
+    return taken[:: -(-len(taken) // MOST)]
+
+
+def fitted_to(truth: Truth, stage: Path, boards: Rows, drawings: Path) -> Twin:
+    """The twin of rows, from drawings that are written for it."""
+    write_drawings(stage, drawings, f"{truth.rig.name} {drawings.stem}")
+    twin = fitted(FreeStage(drawings, ["Made"], [stage.parent]), table_of(truth, boards), "exact")
     print(f"    {drawings.stem}: {twin.solution.ending}", *twin.doubts, sep="\n    ", flush=True)
     return twin
+
+
+def table_of(truth: Truth, boards: Rows) -> dict[str, np.ndarray]:
+    """Columns of a table of positions."""
+    microlens_k, microlens_l = truth.ready.rig.axial[boards.microlens].T
+    x_px, y_px = boards.image_px.T
+    rows = {"frame": boards.view + 1, "point_id": boards.point}
+    return rows | {"microlens_k": microlens_k, "microlens_l": microlens_l, "x_px": x_px, "y_px": y_px}
 
 
 def _calibration(truth: Truth, twin: Twin) -> Calibration:
