@@ -94,7 +94,7 @@ class _ViewRows:
 
     @cached_property
     def _by_matrix(self) -> np.ndarray:
-        """What a matrix does to the coordinates that moves each point by its product with the arm, (c, 9)."""
+        """Derivatives by the elements of a matrix that moves each point by its product with the arm, (c, 9)."""
         return np.einsum("ci,cj->cij", self.by_pose[:, 3:], self.arm_mm).reshape(-1, 9)
 
     def change(self, step: np.ndarray) -> np.ndarray:

@@ -111,8 +111,8 @@ class SideBySide:
 
     @cached_property
     def _sums(self) -> dict[int, tuple[np.ndarray, float, float]]:
-        """Of each frame the mean products (3, 3) of the numbers of the real image, of its twin and of 1, and both ends
-        of the former, in the convex hull of the positions.
+        """Mean products (3, 3) of the numbers of the real image, of its twin and of 1, and both ends of the former, by
+        frame, in the convex hull of the positions.
         """
         sums = {}
         for frame in self.files:

@@ -29,6 +29,7 @@ from scipy.stats import chi2
 
 from pipeline.camera.figures.equivalent_pinhole import pinhole
 from pipeline.errors import UsageError
+from pipeline.plugins.fits import predicted_rows
 from pipeline.plugins.fits.association import associated
 from pipeline.plugins.fits.calibration import calibrate
 from pipeline.plugins.fits.first_poses import _pinhole_poses
@@ -38,6 +39,7 @@ from pipeline.plugins.fits.predicted_rows import Predictor, Views, moved, points
 from pipeline.plugins.fits.twin import document
 from pipeline.plugins.fits.twin_page import page
 from pipeline.scene.load import load, open_dataset
+from pipeline.truth.direct.direct_rows import solve
 
 RADIUS = "Rig/Lens/S3.plen:radius"
 TOLERANCES = """def PlenTolerance "Made"
@@ -318,6 +320,21 @@ def test_a_mistake_that_no_camera_explains_is_refused(tmp_path, narrow, exact, m
     with pytest.raises(UsageError) as refused:
         fitted(narrow, mistake(exact), tmp_path)
     assert refused.match(said)
+
+
+def test_a_row_whose_search_says_that_it_ended_astray_is_none(monkeypatch, narrow, exact):
+    """Near rims of micro-images searches end up to pixels from any solution, and state an error of that size."""
+    seen_by = associated(exact, narrow.nominal)
+    views = Views.of(seen_by)
+
+    def strayed(*arguments):
+        rows = solve(*arguments)
+        rows.sigma_px[5] = 0.5
+        return rows
+
+    monkeypatch.setattr(predicted_rows, "solve", strayed)
+    x_px = Predictor(seen_by, views).positions(narrow.nominal, views.poses(narrow.nominal), seen_by.x_px)
+    assert np.flatnonzero(np.isnan(x_px[:, 0])).tolist() == [5]
 
 
 def test_half_a_pixel_is_named_where_rows_tell_it_and_elsewhere_that_they_do_not(tmp_path, narrow):
